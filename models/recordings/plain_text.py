@@ -18,7 +18,7 @@ The lines keep their numbers: blank ones stand for those of a block.
 import codecs
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
@@ -30,7 +30,7 @@ from wrenchsight.models.recordings.echo_text import is_echo, table_of_echo
 from wrenchsight.models.recordings.key_values import are_key_values, table_of_pairs
 from wrenchsight.models.recordings.layouts.signal_words import EASTERN_WORDS
 from wrenchsight.models.recordings.list_lines import are_list_lines, table_of_list_lines
-from wrenchsight.models.recordings.text_head import table_head
+from wrenchsight.models.recordings.text_head import ends_in_quotes, table_head
 
 _UTF_16: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _WESTERN: Final = "cp1252"  # in which five bytes stand for nothing: most binary files are none
@@ -238,7 +238,7 @@ def _change_of_lines(head: str) -> Callable[[str], str] | None:
     """
     if "\r" in head and "\n" not in head:
         return lambda text: text.replace("\r", "\n")
-    lines = [line for line in head.splitlines()[:_MOST_HEAD_LINES] if line.strip()][:-1]
+    lines = _rows_of_lines(head.splitlines()[:_MOST_HEAD_LINES])[:-1]
     if len(lines) > 1 and all(_QUOTE_BEHIND_BLANK.search(line) for line in lines[-2:]):
         return lambda text: _QUOTE_BEHIND_BLANK.sub(r'\1"', text)
     if _DOUBLE_RETURN in head:
@@ -251,6 +251,17 @@ def _change_of_lines(head: str) -> Callable[[str], str] | None:
         if any(line != line.strip() or _RUN_OF_BLANKS.search(line) for line in rows):
             return lambda text: re.sub(r"(?m)^ +| +(?=\r?$)", "", re.sub(r" {2,}", " ", text))
     return None
+
+
+def _rows_of_lines(lines: Sequence[str]) -> list[str]:
+    """The lines that are not blank; those of one quoted cell, such as NumPy breaks, as one."""
+    rows: list[str] = []
+    for line in lines:
+        if rows and ends_in_quotes(rows[-1]) and len(rows[-1]) < _LONGEST_LINE:
+            rows[-1] += f" {line}"
+        elif line.strip():
+            rows.append(line)
+    return rows
 
 
 def _without_units(lines: list[str]) -> Callable[[str], str]:

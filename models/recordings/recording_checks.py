@@ -39,6 +39,7 @@ _MAX_UNEXPLAINED_SHARE = 0.2
 _WINDOWS_OF_SHORT = 5  # in a log of less than half a second, where _WINDOW_S gives fewer
 _SHORTEST_WINDOW_S = 0.05
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
+_ONE_SIGN_SHARE = 0.98  # of the squares of v, that have one sign; noise at rest has the other
 _VELOCITY_RATIO = (0.8, 1.25)
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
 _LEAST_GRAVITY_SAMPLES = 50
@@ -73,6 +74,8 @@ class RecordingChecks:
         self._last: Recording | None = None  # one sample
         self._is_first = True  # of the chunks
         self._motion = ProductSums(robot.num_joints)  # x: integral of v; y: change of q
+        self._motion_sizes = ProductSums(robot.num_joints)  # of |x| and |y|
+        self._signed_squares = np.zeros(robot.num_joints)  # sum of x |x|
         self._gravity = GravitySums(robot)  # x: gravity torque; y: motor torque
 
     def feed(self, chunk: Recording) -> None:
@@ -200,7 +203,10 @@ class RecordingChecks:
         is_gapless = np.diff(part.t[ends]) < 2 * window * float(np.median(steps))
         v_change, q_change = np.diff(integral[ends], axis=0), np.diff(part.q[ends], axis=0)
         is_moving = np.maximum(np.abs(v_change), np.abs(q_change)) > _LEAST_MOTION
-        self._motion.add(v_change, q_change, is_moving & is_gapless[:, None])
+        is_used = is_moving & is_gapless[:, None]
+        self._motion.add(v_change, q_change, is_used)
+        self._motion_sizes.add(np.abs(v_change), np.abs(q_change), is_used)
+        self._signed_squares += np.sum(np.where(is_used, v_change * np.abs(v_change), 0.0), axis=0)
 
     def _judge_motion(self, chunk: Recording) -> None:
         """Refuses velocities that are not the derivative of the positions, once enough is read.
@@ -254,6 +260,14 @@ class RecordingChecks:
             return "v stands still while q moves", "log the velocity, or give its column"
         if yy < _STANDING_SHARE * xx:
             return "q stands still while v moves", "log the position, or give its column"
+        size_agrees = self._motion_sizes.cosine()[j] >= _LEAST_CORRELATION
+        has_one_sign = abs(self._signed_squares[j]) > _ONE_SIGN_SHARE * xx
+        if is_enough and abs(cosine) < _LEAST_CORRELATION and size_agrees and has_one_sign:
+            problem = "v has the size of dq/dt, but its sign never changes while q goes both ways: "
+            problem += "it is a speed"
+            remedy = "leave it out, q is then differentiated: remove the line velocity from the "
+            remedy += "description that `wrenchsight log` drafts, and add --log-format with it"
+            return problem, remedy
         if is_enough and abs(cosine) < _LEAST_CORRELATION:
             problem = f"v does not follow dq/dt (correlation {cosine:.2f})"
             return problem, "check that q and v name the joints in one order"

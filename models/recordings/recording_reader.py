@@ -101,6 +101,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 _SENTINELS = [10.0**digits - 1.0 for digits in range(3, 10)]  # 999, 9999, ..: no number
+_NO_CLOCK = re.compile(r"runtime|time_?(out|zone)|state|status|mode", re.IGNORECASE)
 _SENTINEL_RATIO = 100.0  # times the largest other number of a column
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
 _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is decided
@@ -994,7 +995,11 @@ def _of_unknown_ending(path: Path) -> LogContainer:
 
 def _no_time(path: Path, names: Sequence[str]) -> InputError:
     """The error of a log none of whose columns is its time, or several may be."""
-    similar = [name for name in names if re.search(r"time|stamp|^ts$", name, re.IGNORECASE)]
+    similar = [
+        name
+        for name in names
+        if re.search(r"time|stamp|^ts$", name, re.IGNORECASE) and not _NO_CLOCK.search(name)
+    ]
     if similar:
         problem = f"no column is known to be the time; it may be {', '.join(similar[:6])}"
         remedy = f'name it in a description: time: {{columns: "{similar[0]}", unit: s}} '

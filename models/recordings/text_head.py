@@ -38,6 +38,7 @@ _TYPE_CELLS: Final = frozenset((
 ))  # fmt: skip
 _UNIT_CELL: Final = re.compile(r"\W*[^\W\d]{0,5}([ */·^_][^\W_]{1,5}){0,2}\W*")
 _LIST: Final = re.compile(r"(?:\w{1,20}\()?[\[({]\s*[-+\d.\[('\"]")
+_IN_BRACKETS: Final = re.compile(r"\[[^\[\]]*\]")
 _UNIT_LENGTH: Final = 20  # characters
 _MOST_LEVELS: Final = 5  # lines of names, units and types above the rows
 # First cells of a line that is one of several on the columns: their names, or their units.
@@ -112,6 +113,11 @@ def split_cells(text: str, separator: str) -> list[str]:
     except csv.Error:
         cells = text.split(separator)
     return [cell.strip() for cell in cells]
+
+
+def ends_in_quotes(line: str) -> bool:
+    """Whether a line ends within a quoted cell, which then goes on in the next line."""
+    return line.count('"') % 2 == 1
 
 
 def is_number(text: str, decimal_mark: str = ".") -> bool:
@@ -195,7 +201,9 @@ def _separator(lines: Sequence[str]) -> str:
     for separator in _SEPARATORS:
         if not any(separator in line for line in lines):
             continue
-        table = [line for line in lines if separator != " " or not _OTHER_SEPARATOR.search(line)]
+        table = list(lines)
+        if separator == " ":  # blanks within a list separate its entries, not the cells
+            table = [_IN_BRACKETS.sub("[0]", x) for x in lines if not _OTHER_SEPARATOR.search(x)]
         count, num_rows = _usual_count([split_cells(line, separator) for line in table])
         if count > 1 and count * num_rows > largest:
             best, largest = separator, count * num_rows

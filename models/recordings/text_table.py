@@ -23,6 +23,7 @@ from wrenchsight.models.recordings.table_checks import other_words
 from wrenchsight.models.recordings.text_head import (
     MOST_HEAD_LINES,
     NAN_CELLS,
+    ends_in_quotes,
     is_number,
     split_cells,
     table_head,
@@ -275,7 +276,7 @@ class TextTable:
             if not data:
                 break
             line = data.decode("utf-8", "replace").strip("\r\n")
-            if lines[-1].count('"') % 2 and len(lines[-1]) < _LONGEST_LINE:
+            if ends_in_quotes(lines[-1]) and len(lines[-1]) < _LONGEST_LINE:
                 lines[-1] += f" {line}"
             else:
                 lines.append(line)

@@ -253,6 +253,7 @@ def signal_columns(
     num_joints = num_listed or (0 if joint_names is None else len(joint_names))
     by_quantity: dict[str, list[_Column]] = {}
     bare: list[_Column] = []  # names of a joint without a word for a quantity
+    others: list[_Column] = []
     clocks = clock_numbers(names)  # t_pos is none of the positions
     for place, name in enumerate(names):
         if place in clocks:
@@ -260,14 +261,19 @@ def signal_columns(
         column = _Column(place, column_name(name))
         if column.name.quantity:
             by_quantity.setdefault(column.name.quantity, []).append(column)
-        elif column.name.is_bare:
-            bare.append(column)
+        else:
+            others.append(column)
+            bare += [column] if column.name.is_bare else []
     if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
-        by_quantity.setdefault("position", bare)  # Axis 1 Actual beside Axis 1 Current
+        # arm_joint_0 beside arm_joint_vel_0, or else Axis 1 Actual beside Axis 1 Current
+        of_joints = {column.name.words for columns in by_quantity.values() for column in columns}
+        of_joints -= {()}
+        same = [column for column in others if column.name.words in of_joints]
+        by_quantity.setdefault("position", same or bare)
     for quantity in ("velocity", "motor_torque"):
         columns = by_quantity.get(quantity, [])
-        of_joints = [column for column in columns if not is_of_drive(names[column.place])]
-        by_quantity[quantity] = of_joints or columns
+        behind_gear = [column for column in columns if not is_of_drive(names[column.place])]
+        by_quantity[quantity] = behind_gear or columns
     joint_columns: dict[str, JointColumns] = {}
     behind_base = _behind_free_base(by_quantity, num_joints, names)
     for quantity in _QUANTITIES:
@@ -296,7 +302,7 @@ def _numbered(
     one that is not the motors'; a sentence says which one, and which others are not read. Where the
     number of joints is not known (0) the longest count.
     """
-    series = _series(columns)
+    series = _series(columns) | _lettered_series(columns)
     complete = {
         stem: entries
         for stem, entries in series.items()
@@ -366,6 +372,25 @@ def _series(columns: Sequence[_Column]) -> dict[tuple[str, ...], dict[int, int]]
             if word.isdigit() and len(word) < 4:
                 stem = (*words[:k], "#", *words[k + 1 :])
                 series.setdefault(stem, {})[int(word)] = column.place
+    return series
+
+
+def _lettered_series(columns: Sequence[_Column]) -> dict[tuple[str, ...], dict[int, int]]:
+    """As `_series`, of columns with a number and a letter of their own: joint_1_s, joint_2_l."""
+    letters: dict[tuple[str, ...], dict[int, dict[str, int]]] = {}  # places by number and letter
+    for column in columns:
+        words = column.name.words
+        for k, word in enumerate(words[:-1]):
+            letter = words[k + 1]
+            if word.isdigit() and len(word) < 4 and len(letter) == 1 and letter.isalpha():
+                stem = (*words[:k], "#", *words[k + 2 :])
+                numbers = letters.setdefault(stem, {})
+                numbers.setdefault(int(word), {})[letter] = column.place
+    series: dict[tuple[str, ...], dict[int, int]] = {}
+    for stem, numbers in letters.items():
+        all_letters = [letter for of_number in numbers.values() for letter in of_number]
+        if len(numbers) == len(all_letters) == len({*all_letters}):
+            series[stem] = {k: next(iter(x.values())) for k, x in numbers.items()}
     return series
 
 

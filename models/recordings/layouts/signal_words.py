@@ -43,7 +43,7 @@ _ASIDE = {  # words of what is no measured signal of a joint
     "accel", "acceleracion", "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose",
     "flange", "sollwert", "temperatur", "spannung", "rpm", "schleppfehler",
     "consigne", "consigna", "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差",
-    "目標", "fault", "faults", "warning", "alarm",
+    "目標", "runtime", "fault", "faults", "warning", "alarm",
 }  # fmt: skip
 _ROTATION_WORDS = {"drehzahl"}  # of a joint where a unit is stated, else of whatever turns
 _COMMANDED = {

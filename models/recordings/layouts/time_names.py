@@ -30,6 +30,7 @@ _BESIDE = frozenset((
 _CLOCKS_OF_SIGNALS = ("t", "time", "timestamp", "stamp", "zeit")
 _DATE_RANK = 9  # behind that of any clock
 _DOUBTFUL_WORDS = ("ts", "tstamp", "x_value")  # also the sample time, another abscissa
+_PERIOD_WORDS = frozenset(("sample", "sampling", "cycle"))  # before ts: a time between samples
 _DATE_WORDS = frozenset(("date", "datum", "fecha", "data", "日期"))
 _UNIT_ALONE = re.compile(
     r"(milli|micro|nano)?sec(onds|s)?|msec|usec|nsec|ms|us|ns|µs", re.IGNORECASE
@@ -38,7 +39,16 @@ _UNIT_BEHIND = re.compile(r"(.*?)[\s_]*[\[(（]?([^\W\d_]+)[\])）]?", re.DOTALL
 _UNIT_IN_BRACKETS = re.compile(r"\s*[\[(]n?s[\])]$")
 # Of whole seconds and nanoseconds, also in one name with more: robot_time_seconds, .._nanos.
 _SECOND_WORDS = ("sec", "secs", "seconds", "s")
-_NANOSECOND_WORDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs", "nanos", "ns")
+_NANOSECOND_WORDS = (
+    "nano_sec",
+    "nanosec",
+    "nanosecs",
+    "nanoseconds",
+    "nsec",
+    "nsecs",
+    "nanos",
+    "ns",
+)
 
 
 class _Clock(NamedTuple):
@@ -110,11 +120,17 @@ def _clock(column: int, name: str) -> _Clock | None:
         # Of a signal: t_pos, time_q1, J1_time.
         if clock in _CLOCKS_OF_SIGNALS and signal and all(map(is_signal_word, signal)):
             return _Clock(6, column, unit)
-    if word in _DOUBTFUL_WORDS:
+    if word in _DOUBTFUL_WORDS or _is_stamp(stem):
         return _Clock(_DATE_RANK, column, unit)
     if word in _DATE_WORDS:  # a date, with the time behind it where it is the only clock
         return _Clock(_DATE_RANK, column, "")
     return None
+
+
+def _is_stamp(name: str) -> bool:
+    """Whether a name is ts, of a clock: pc_ts, host.ts."""
+    words = {*name_tokens(name[:200])}
+    return "ts" in words and words <= {"ts"} | _BESIDE - _PERIOD_WORDS
 
 
 def _unit(name: str) -> tuple[str, str]:
@@ -132,7 +148,9 @@ def _unit(name: str) -> tuple[str, str]:
 
 def _seconds_and_nanoseconds(names: Sequence[str]) -> SignalColumns | None:
     """The first two columns of one prefix that are called so; None where there are none."""
-    plain = [_UNIT_IN_BRACKETS.sub("", name) for name in names]
+    # TimeInSec, TimeInNanoSec
+    split = [re.sub(r"([a-z])([A-Z])", r"\1_\2", name[:200]).lower() for name in names]
+    plain = [_UNIT_IN_BRACKETS.sub("", name) for name in split]
     for i, name in enumerate(plain):
         match = re.fullmatch(rf"(.*[._/]|)({'|'.join(_SECOND_WORDS)})", name)
         for word in _NANOSECOND_WORDS if match else ():

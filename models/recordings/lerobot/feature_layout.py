@@ -215,9 +215,12 @@ def _joints_of(entries: Sequence[_Entry], joint_names: Sequence[str] | None) -> 
         groups.setdefault(entry.group, []).append(entry)
     joints = _JointEntries([], "")
     for group in groups.values():
-        joints = _joints_of_group(group, joint_names)
-        if joints.entries:
-            return joints
+        # Beside numbered joints may stand a sensor's entries of the quantity: torque.x, offset.z.
+        numbered = [entry for entry in group if entry.joint.isdecimal()]
+        for candidates in (group, numbered) if numbered else (group,):
+            joints = _joints_of_group(candidates, joint_names)
+            if joints.entries:
+                return joints
     return joints
 
 

@@ -96,6 +96,19 @@ def test_units_in_cells_become_those_of_their_columns(
     np.testing.assert_allclose(read, np.c_[T, TABLE], rtol=0, atol=1e-9)
 
 
+def test_arrays_that_numpy_breaks_within_quotes_are_lists(tmp_path: Path) -> None:
+    rows = [
+        f"{t:.2f},[ {' '.join(map(str, q))} ],"
+        + f'"[{q[0]} {q[1]}  {q[2]}  {q[3]}\n {q[4]} {q[5]}]"'
+        for t, q in zip(T, TABLE, strict=True)
+    ]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["Time,Position,Current", *rows]) + "\n")
+    log = read_recording(path, check=False)
+    np.testing.assert_array_equal(log.q, TABLE)
+    np.testing.assert_array_equal(log.current, TABLE)
+
+
 def test_two_carriage_returns_are_one_line_end(tmp_path: Path) -> None:
     lines = ["t,q1,q2,v1,v2,i1,i2", *(",".join(f"{x:.6f}" for x in r) for r in np.c_[T, TABLE])]
     path = tmp_path / "log.csv"

@@ -186,6 +186,12 @@ def test_a_velocity_that_contradicts_the_position_is_refused(
     _refused(replace(log, v=change(log.v)), *words, *robot_words, num_chunks=num_chunks)
 
 
+def test_a_velocity_of_one_sign_is_told() -> None:
+    log = _log()
+    words = ["its sign never changes while q goes both ways", "remove the line velocity"]
+    _refused(replace(log, v=np.abs(log.v)), *words)
+
+
 @pytest.mark.parametrize("duration", [0.2, 0.3, 0.5, 0.9])
 def test_a_wrong_velocity_of_one_joint_is_refused_in_a_short_log(duration: float) -> None:
     log = _log(duration)

@@ -70,6 +70,9 @@ def _joints(text: str, number: int = 1) -> list[str]:
         ("stamp", "joint_angles_{j}", "joint_vels_{j}", "joint_amps_{j}", (1.0, 1.0, 1.0)),
         ("stamp", "actual_position_{j}", "actual_velocity_{j}", "actual_current_{j}",
          (1.0, 1.0, 1.0)),
+        # A position is what the other names have without their quantity.
+        ("pc_ts", "ur3_arm_joint_{j}", "ur3_arm_joint_vel_{j}", "ur3_arm_joint_current_{j}",
+         (1.0, 1.0, 1.0)),
     ],
 )  # fmt: skip
 def test_words_and_units_are_recognised(
@@ -77,6 +80,7 @@ def test_words_and_units_are_recognised(
 ) -> None:
     extra = [
         "robot mode",
+        "arm_runtime_state",
         *_joints("target_" + q),
         *_joints("action_" + q),
         *_joints("temperature_{j}"),
@@ -90,6 +94,34 @@ def test_words_and_units_are_recognised(
         np.testing.assert_allclose(read, expected, atol=1e-12)  # rounding of the unit
     assert any("read by the words in their names" in text for text in log.notices)
     assert any("left out: robot mode" in text for text in log.notices)
+
+
+def test_joints_may_have_a_number_and_a_letter(tmp_path: Path) -> None:
+    joints = [f"joint_{k + 1}_{letter}" for k, letter in enumerate("slu")]
+    header = ["t"] + [f"{joint}_{x}" for x in ("position", "torque") for joint in joints]
+    log = read_recording(_csv(tmp_path, header, [_T, *_Q.T, *_I.T]), None, _ROBOT, check=False)
+    np.testing.assert_array_equal(log.q, _Q)
+    assert log.tau_J is not None
+    np.testing.assert_array_equal(log.tau_J, _I)
+
+
+@pytest.mark.parametrize(
+    "times", [("ZeitInSec", "ZeitInNanoSec"), ("secs", "nsecs"), ("TimeSec", "TimeNanosec")]
+)
+def test_seconds_and_nanoseconds_are_one_time(tmp_path: Path, times: tuple[str, str]) -> None:
+    header = [*times, *_joints("q{j}"), *_joints("v{j}"), *_joints("i{j}")]
+    seconds = 1_357_683_843 + np.floor(10 * _T).astype(int)  # of a clock ten times as fast
+    nanoseconds = np.round(1e9 * (10 * _T % 1.0)).astype(int)
+    columns = [seconds, nanoseconds, *_Q.T, *_V.T, *_I.T]
+    log = read_recording(_csv(tmp_path, header, columns), None, _ROBOT, check=False)
+    np.testing.assert_allclose(log.t - log.t[0], 10 * _T, atol=1e-6)  # of doubles at 1e9
+
+
+def test_a_state_is_never_offered_as_time(tmp_path: Path) -> None:
+    header = ["runtime_state", *_joints("q_{j}"), *_joints("current_{j}")]
+    path = _csv(tmp_path, header, [2.0 + 0 * _T, *_Q.T, *_I.T])
+    with pytest.raises(InputError, match="has no column of time"):
+        read_recording(path, None, _ROBOT)
 
 
 def test_joints_are_put_in_the_robots_order_by_their_names(tmp_path: Path) -> None:

@@ -50,6 +50,16 @@ def test_an_order_that_is_assumed_of_all_quantities_is_said_once(tmp_path: Path)
     assert len([text for text in found.notices if "order" in text]) == 1
 
 
+def test_entries_of_a_sensor_beside_numbered_joints_are_no_joints(tmp_path: Path) -> None:
+    names = [f"joint_{word}.{k}" for word in ("positions", "efforts") for k in range(3)]
+    names += [f"sensor_offset.torque.{axis}" for axis in "xyz"]
+    found, _ = layout(
+        tmp_path / "set", {"observation.state": numbers(9)}, {"observation.state": names}
+    )
+    assert found.form.motor_torque is not None
+    assert found.form.motor_torque.columns == "4, 5, 6"
+
+
 def test_a_current_beside_a_torque_is_neither_read_nor_said_to_be(tmp_path: Path) -> None:
     frames = {f"observation.{name}": numbers() for name in ("state", "effort", "current")}
     found, _ = layout(tmp_path / "set", frames, {})
