@@ -25,6 +25,7 @@ from wrenchsight.models.recordings.log_container import LogContainer
 from wrenchsight.models.recordings.mat_table import MatContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
+from wrenchsight.models.recordings.rosbag.bounded_bag import ROS1_MAGIC
 from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
 from wrenchsight.models.recordings.sqlite_table import SQLITE_MAGIC, SqliteContainer
 from wrenchsight.models.recordings.text_table import TextContainer
@@ -54,6 +55,7 @@ _KINDS_BY_MAGIC: Final[tuple[tuple[bytes, LogContainer], ...]] = (
     (b"\x93NUMPY", _NPZ),
     (b"MATLAB", _MAT),
     (SQLITE_MAGIC, _SQLITE),
+    (ROS1_MAGIC, BAG),
 )
 _TEXT_SUFFIXES: Final = (*TEXT.suffixes, *_JSON.suffixes)
 _YAML_SUFFIXES: Final = (".yaml", ".yml")

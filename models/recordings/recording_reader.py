@@ -43,6 +43,7 @@ from wrenchsight.models.recordings.log_containers import (
     is_described,
     usual_suffixes,
 )
+from wrenchsight.models.recordings.log_folders import refuse_other_folder
 from wrenchsight.models.recordings.log_words import (
     DRIVE_SIGNALS,
     IN_AMPERES,
@@ -1054,8 +1055,8 @@ def _check_exists(path: Path) -> None:
     """Refuses a path that is neither a file, a bag nor a data set."""
     if root_of(path) is not None:
         return
-    if path.is_dir() and not is_bag(path):
-        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+    if not is_bag(path):
+        refuse_other_folder(path)
     if path.exists():
         return
     remedy = "check the path"

@@ -78,7 +78,7 @@ _BINARY_KINDS = (  # first bytes, kind of file, remedy with the file's name and 
     (b"PK\x03\x04", "a zip archive or a spreadsheet", _SHEET_REMEDY),
     (_HDF5_MAGIC, "an HDF5 file", _HDF5_REMEDY),
     (b"TDSm", "a TDMS file of LabVIEW", _TDMS_REMEDY),
-    (b"#ROSBAG", "a ROS 1 bag", "name it .bag"),
+    (b"#ROSBAG", "a ROS 1 bag of another version than 2.0", "convert it: rosbag fix"),
     (b"\x89MCAP", "an MCAP file", "name it .mcap"),
     *((magic, "a pickle, which runs code when it is read", _PICKLE_REMEDY) for magic in _PICKLES),
 )

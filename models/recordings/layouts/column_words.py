@@ -264,11 +264,12 @@ def signal_columns(
         else:
             others.append(column)
             bare += [column] if column.name.is_bare else []
-    if not by_quantity.keys().isdisjoint(("current", "motor_torque")):
-        # arm_joint_0 beside arm_joint_vel_0, or else Axis 1 Actual beside Axis 1 Current
-        of_joints = {column.name.words for columns in by_quantity.values() for column in columns}
-        of_joints -= {()}
-        same = [column for column in others if column.name.words in of_joints]
+    # arm_joint_0 beside arm_joint_vel_0, or else Axis 1 Actual beside Axis 1 Current
+    of_joints = {column.name.words for columns in by_quantity.values() for column in columns}
+    of_joints -= {()}
+    same = [column for column in others if column.name.words in of_joints]
+    has_drives = not by_quantity.keys().isdisjoint(("current", "motor_torque"))
+    if same or has_drives:
         by_quantity.setdefault("position", same or bare)
     for quantity in ("velocity", "motor_torque"):
         columns = by_quantity.get(quantity, [])

@@ -20,6 +20,7 @@ from wrenchsight.models.recordings.rosbag.messages import (
 
 LARGEST_PART: Final = 1 << 26  # bytes of one chunk or message
 ROS1_SUFFIX: Final = ".bag"
+ROS1_MAGIC: Final = b"#ROSBAG V2.0"
 _MCAP_MAGIC: Final = b"\x89MCAP"
 _PROFILE_BEGIN: Final = 8 + 1 + 8 + 4  # bytes: magic, opcode, lengths of record and profile
 _HEADER_BYTES: Final = 256  # of a file, which hold the profile
@@ -37,6 +38,20 @@ class OpenedBag(NamedTuple):
     deserialize: Deserialize
 
 
+def is_ros1_bag(path: Path) -> bool:
+    """Whether a file is a ROS 1 bag, by its first bytes or its ending.
+
+    Raises:
+        InputError: there is no such file, or it cannot be read.
+    """
+    if path.is_dir():
+        return False
+    if path.suffix.lower() == ROS1_SUFFIX:
+        return True
+    with opened(path, "a log") as file:
+        return file.read(len(ROS1_MAGIC)) == ROS1_MAGIC
+
+
 @contextmanager
 def bounded_reader(path: Path) -> Iterator[OpenedBag]:
     """An opened bag.
@@ -45,7 +60,7 @@ def bounded_reader(path: Path) -> Iterator[OpenedBag]:
         ValueError: the bag decompresses to more than the bound; also while its messages are read.
         Exception: of any kind, raised by rosbags over a damaged bag.
     """
-    open_bag = _ros1_bag if path.suffix.lower() == ROS1_SUFFIX else _ros2_bag
+    open_bag = _ros1_bag if is_ros1_bag(path) else _ros2_bag
     with open_bag(path) as bag:
         yield bag
 

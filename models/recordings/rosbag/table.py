@@ -27,6 +27,7 @@ from wrenchsight.models.recordings.rosbag.bounded_bag import (
     ROS1_SUFFIX,
     OpenedBag,
     bounded_reader,
+    is_ros1_bag,
 )
 from wrenchsight.models.recordings.rosbag.fields_table import fields_table
 from wrenchsight.models.recordings.rosbag.messages import (
@@ -352,11 +353,20 @@ class RosbagTable:
         except InputError:
             raise
         except Exception as error:  # rosbags raises errors of any kind over damaged bytes
+            problem = "is no bag, or a damaged one"
+            if is_ros1_bag(self.path):
+                if "not indexed" in str(error):
+                    problem = "is a ROS 1 bag that was not closed"
+                name = self.path.name
+                remedy = f"write its index anew: rosbag reindex {name} (of ROS 1)"
+                if self.path.suffix.lower() != ROS1_SUFFIX:  # .bag.active
+                    new_name = self.path.stem.removesuffix(ROS1_SUFFIX) + ROS1_SUFFIX
+                    remedy = f"name it {new_name}, then {remedy.replace(name, new_name)}"
+            else:
+                remedy = "repair it (ros2 bag reindex, mcap recover)"
+            detail = str(error)[:200] or type(error).__name__
             raise InputError(
-                self.path,
-                "",
-                f"is no bag, or a damaged one ({str(error)[:200] or type(error).__name__})",
-                "repair it (ros2 bag reindex, mcap recover), or record it again",
+                self.path, "", f"{problem} ({detail})", f"{remedy}, or record it again"
             ) from error
 
 

@@ -281,7 +281,15 @@ def test_a_bag_of_ros_1_is_read(tmp_path: Path, compression: Any) -> None:
             data = types.serialize_ros1(message, kind.__msgtype__)
             writer.write(connections[k % 2], int(stamp), data)
     _same(read_recording(path, robot=_ROBOT, check=False), values)
-    path.write_bytes(path.read_bytes()[:5000])
+    other_name = path.rename(tmp_path / "log.bag.active")
+    _same(read_recording(other_name, robot=_ROBOT, check=False), values)
+    whole = other_name.read_bytes()
+    # The header's index_pos (8 bytes) is 0 until a bag is closed.
+    place = whole.index(b"index_pos=") + len(b"index_pos=")
+    other_name.write_bytes(whole[:place] + bytes(8) + whole[place + 8 :])
+    with pytest.raises(InputError, match=r"not closed .*name it log.bag, then .*reindex log.bag"):
+        read_recording(other_name, robot=_ROBOT, check=False)
+    path.write_bytes(whole[:5000])
     with pytest.raises(InputError, match="no bag, or a damaged one"):
         read_recording(path, robot=_ROBOT, check=False)
 
