@@ -19,12 +19,14 @@ from typing import Final, NamedTuple
 
 _NUMBER: Final = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM: Final = re.compile(
-    rf"[\[(]\s*(?P<list>{_NUMBER}(?:(?:\s*[,;]\s*|\s+){_NUMBER})+)\s*,?\s*[\])]"
+    r"\[(?P<code>\d{1,6})\](?=\s*[\[(])"  # [2210][0.1,-1.2]: the kind of a message
+    rf"|[\[(]\s*(?P<list>{_NUMBER}(?:(?:\s*[,;]\s*|\s+){_NUMBER})+)\s*,?\s*[\])]"
     r"|(?P<constructor>[^\W\d][\w.]*)(?=\(\s*[\[(])"  # array([..
     r"|(?P<word>[^\W\d][\w.]*)"
     rf"|(?P<number>{_NUMBER})(?![\w.])"
 )
 _TIME: Final = "time"
+_CODE: Final = "message_"
 _MIN_LINES: Final = 10
 _MIN_SHARE: Final = 0.8  # of the lines that are of the kinds that repeat
 _MOST_KINDS: Final = 8
@@ -140,6 +142,8 @@ def _items(line: str) -> list[_Item]:
     for match in _ITEM.finditer(line):
         if match["word"]:
             words.append(match["word"])
+        elif match["code"]:
+            words.append(f"{_CODE}{match['code']}")
         elif match["list"]:
             numbers = tuple(re.findall(_NUMBER, match["list"]))
             # The only words of a line may stand before its time: they are of its list, too.
@@ -200,8 +204,24 @@ def _names(kinds: Sequence[_Kind], lines: Sequence[Sequence[_Item]]) -> dict[_Ki
             name = name or f"list_{seen[words]}"
             if len(lists) >= _MIN_ORDERED and seen[words] <= len(ordered):
                 name = ordered[seen[words] - 1]
+            entries = [line[place].numbers for line in same]
+            if not has_time and words.startswith(_CODE) and _begin_with_time(entries):
+                has_time = True
+                names[kind].append(_TIME)
+                length -= 1
             names[kind] += [f"{name}.{k + 1}" for k in range(length)]
     return names
+
+
+def _begin_with_time(lists: Sequence[Sequence[str]]) -> bool:
+    """Whether the first entries are whole numbers that grow, as of a clock, and others are not."""
+    first = [entries[0] for entries in lists]
+    is_whole = all(number.isdecimal() for number in first)
+    return (
+        is_whole
+        and not all(number.lstrip("-").isdecimal() for entries in lists for number in entries)
+        and _name_of_numbers([float(number) for number in first], has_time=False) == _TIME
+    )
 
 
 def _name_of_numbers(numbers: Sequence[float], has_time: bool) -> str:

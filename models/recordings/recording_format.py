@@ -551,6 +551,9 @@ class _LogColumns:
             problem = f'names column "{item}", but the log has no header'
             remedy = "give column numbers counted from 1, or set header: true"
             raise InputError(self._source, place, problem, remedy)
+        if item == "?" and item not in names:
+            problem = "has a question mark, where a draft leaves a choice"
+            raise InputError(self._source, place, problem, "name the columns there")
         if item not in names:
             remedy = nearest(item, names) or f"it has {', '.join(names[:12])}, ..."
             raise self.mismatch(f'lacks the column "{item}", which {entry_place} names', remedy)

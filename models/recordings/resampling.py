@@ -33,6 +33,7 @@ _REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
 _MIN_ROUNDED = 3  # stamps that repeat where a clock is rounded
 _MIN_CHANGES = 3  # of a coarse clock, whose rate is known to one sample in their time
+_FASTEST_HZ = 1e5  # of any log of joints; beyond, the column is no clock
 _LARGE_TIME = 1e6  # s, such as since 1970: its milliseconds need more digits
 _MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far too small
 
@@ -269,4 +270,6 @@ def _rate_of_ticks(t: Array) -> str:
     if len(changes) < _MIN_CHANGES:
         return "100, with the rate that it was recorded at"
     rate = (changes[-1] - changes[0]) / (t[changes[-1]] - t[changes[0]])
+    if rate > _FASTEST_HZ:
+        return "100, with the rate that it was recorded at"
     return f"{rate:.3g} (estimated: better the rate that was set)"

@@ -43,6 +43,9 @@ _REMARK = re.compile(r"\W*[A-Za-z]{3}")
 _MOST_LAST_LINES = 20  # below the table that are no rows, and
 _LAST_BYTES = 1 << 12  # the end of the file in which they are looked for
 _CAN_FRAME = re.compile(r"\(\d{1,12}\.\d{1,9}\) +\w{1,16} +[0-9A-Fa-f]{3,8}##?[0-9A-Fa-f]*")
+_POSE_LINES = 3  # whose first ones show what all are
+_POSE_ENTRY = re.compile(r"(?<![\w$.])([A-Za-z]\w{0,20})[ :=]{1,3}[-+]?\d[\d.eE+-]{0,20}(?!\w)")
+_POSES = (frozenset("XYZABC"), frozenset(("X", "Y", "Z", "RX", "RY", "RZ")), frozenset("XYZWPR"))
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _PICKLES = tuple(bytes([0x80, protocol]) for protocol in range(2, 6))  # first bytes
 _HDF5_REMEDY = (
@@ -244,6 +247,14 @@ class TextTable:
             remedy = "decode them with the drives' DBC file, such as by cantools, into a table "
             remedy += "(CSV: t, q1.., v1.., i1..)"
             raise InputError(path, "", problem, remedy)
+        first_lines = [line for line in lines if line.strip()][:_POSE_LINES]
+        if header is None and all(map(_is_pose_alone, first_lines)):
+            problem = (
+                "holds poses of the tool alone (X Y Z A B C), no joint positions and no motor "
+            )
+            remedy = "log each joint's position and current (of a KUKA $AXIS_ACT and $CURR_ACT, or "
+            remedy += "$TORQUE_AXIS_ACT)"
+            raise InputError(path, "", f"{problem}currents", remedy)
         head = table_head(lines, separator, decimal_mark, header)
         self.notices += head.notices
         self.separator, self.decimal_mark = head.separator, head.decimal_mark
@@ -645,6 +656,15 @@ class TextTable:
             raise InputError(
                 self.path, "", "is no text (UTF-8)", "expected numbers in CSV"
             ) from error
+
+
+def _is_pose_alone(line: str) -> bool:
+    """Whether a line names a pose, number by number (X 691.8 Y -174.2 Z .. A .. B .. C ..),
+    and no axis.
+    """
+    names = {name.upper() for name in _POSE_ENTRY.findall(line)}
+    is_pose = any(pose <= names for pose in _POSES)
+    return is_pose and not any(re.fullmatch(r"[AJE]\d", name) for name in names)
 
 
 def _refuse_binary(path: Path, file: BinaryIO) -> None:

@@ -40,6 +40,7 @@ _INDEX = r"(?:[._]?(\d+)|\[(\d+)\])"
 _TORQUE = re.compile(
     rf"(?:.*[/.])?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I
 )
+_JOINT_TORQUE = re.compile(r"(?:.*[/.])?tau_?J[._\[]?\d{1,2}\]?")  # not dtau_J, tau_J_d
 _FRANKA_TORQUE = re.compile(r"tau_ext_hat", re.I)
 _POSITION = re.compile(rf"(?:.*[/.])?(?:q|joint_?positions?){_INDEX}", re.I)
 _VELOCITY = re.compile(rf"(?:.*[/.])?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", re.I)
@@ -79,6 +80,13 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
             f"the sign of {names[torque[min(torque)]]} and the other torques is changed: Franka "
             "reports the torque that the arm exerts on the environment; add --torque-sign robot to "
             "read them as they are",
+        )
+    measured = [name for name in names if _JOINT_TORQUE.fullmatch(name)]
+    if len(measured) >= n:
+        notices += (
+            f"{measured[0]} .. {measured[n - 1]}, the measured joint torques, are in the log, too, "
+            "and are not read; to read them in place of the external ones, add motor_torque: "
+            f'{{columns: "{", ".join(measured[:n])}"}} to a description (--log-format)',
         )
     jacobian = _jacobian_columns(names, n, path)
     if jacobian is not None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.recordings import plain_text
-from wrenchsight.models.recordings.list_lines import are_list_lines
+from wrenchsight.models.recordings.list_lines import are_list_lines, table_of_list_lines
 from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
 
 T = 0.01 * np.arange(60)
@@ -103,3 +103,19 @@ def test_text_without_lists_is_none() -> None:
     assert not are_list_lines([f"{t} {q[0]} {q[1]}" for t, q in zip(T, Q, strict=True)])
     assert not are_list_lines([f"({t}) {q[0]} (deg)" for t, q in zip(T, Q, strict=True)])
     assert not are_list_lines(["the robot (6 axes, 10 kg) moves"] * 30 + ["t [s] q (1)"])
+
+
+def test_a_number_in_brackets_before_a_list_is_its_kind() -> None:
+    """The first whole number of a list that grows is the time; one row holds all kinds."""
+    lines = ["[2007][1,1,0]"]
+    for k in range(8):
+        time = 5_402_112_345 + 10_000 * k
+        lines += [f"[2026][0.{k},1.5]", f"[2210][{time},0.{k},2.5]", f"[2213][{time},-1.{k},3.5]"]
+    assert are_list_lines(lines)
+    header, *rows = "".join(table_of_list_lines(["\n".join(lines) + "\n"])).splitlines()
+    names = ["message_2026.1", "message_2026.2", "time", "message_2210.1", "message_2210.2"]
+    names += ["message_2213.1", "message_2213.2"]
+    assert header == ",".join(f'"{name}"' for name in names)
+    shown = [row for row in rows if row]
+    assert len(shown) == 8
+    assert shown[1] == "0.1,1.5,5402122345,0.1,2.5,-1.1,3.5"

@@ -117,6 +117,7 @@ _T = SignalColumns("t")
     ("form", "line"),
     [
         (RecordingFormat(time=SignalColumns("zeit")), 'lacks the column "zeit".*time'),
+        (RecordingFormat(time=SignalColumns("?")), "time: has a question mark, where a draft"),
         (RecordingFormat(time=SignalColumns("9")), r"has 5 columns, but.*names column 9"),
         (RecordingFormat(time=_T, num_columns=6), "has 5 columns, expected 6"),
         (RecordingFormat(time=SignalColumns("t, q1, q2")), "time: has 3 columns, expected 1"),

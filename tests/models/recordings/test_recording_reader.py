@@ -432,6 +432,12 @@ def test_words_above_the_table_are_left_out(tmp_path: Path) -> None:
     assert any("the first 4 lines are no table" in text for text in log.notices)
 
 
+def test_poses_of_the_tool_alone_are_told(tmp_path: Path) -> None:
+    pose = "X -691.7951 Y -174.2428 Z 676.7544 A 90.0000 B 0.0456 C 179.9544"
+    lines = [f"point {k} at 2024-03-05 14:02:11.{k} {pose}" for k in range(10, 30)]
+    _refused(_csv(tmp_path, *lines), "holds poses of the tool alone", "no motor currents")
+
+
 # --- headers -----------------------------------------------------------------------------------
 
 

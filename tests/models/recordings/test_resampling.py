@@ -157,6 +157,10 @@ def test_a_gap_between_chunks_is_refused() -> None:
 def test_implausible_steps_are_refused_in_one_line() -> None:
     with pytest.raises(InputError, match=r"time repeats 0\.02 s"):
         resampled(_linear(np.array([0, 0.01, 0.02, 0.02, 0.03, 0.04])))
+    # A column that creeps is no clock: no rate is made of it.
+    creeping = np.repeat(1e-8 * np.arange(40), 2)
+    with pytest.raises(InputError, match=r"rate_hz=100, with the rate that it was recorded at"):
+        resampled(_linear(creeping))
     with pytest.raises(InputError, match=r"median step is 10 s.*looks like ms"):
         resampled(replace(_linear(np.arange(20) * 0.01), t=np.arange(20) * 10.0))
     with pytest.raises(InputError, match="one sample only"):

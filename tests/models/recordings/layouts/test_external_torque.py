@@ -49,6 +49,17 @@ def test_the_sign_of_franka_torques_is_changed_with_a_notice() -> None:
     assert franka.form.velocity.columns == "9, 10, 11, 12, 13, 14, 15"
 
 
+def test_joint_torques_beside_the_external_ones_are_told() -> None:
+    names = ["t"] + [f"q.{j}" for j in range(7)] + [f"tau_ext_hat_filtered.{j}" for j in range(7)]
+    alone = layout_of([*names, *(f"dtau_J.{j}" for j in range(7))])
+    beside = layout_of([*names, *(f"tau_J.{j}" for j in range(7))])
+    assert alone is not None
+    assert beside is not None
+    assert len(beside.notices) == len(alone.notices) + 1
+    assert "tau_J.0 .. tau_J.6, the measured joint torques" in beside.notices[-1]
+    assert 'motor_torque: {columns: "tau_J.0, tau_J.1, ' in beside.notices[-1]
+
+
 def test_jacobian_columns_have_two_indices_or_one() -> None:
     torque = ["t", "tau_ext_0", "tau_ext_1"]
     two_indices = [f"J_{i + 1}_{j + 1}" for i in range(6) for j in range(2)]
