@@ -28,7 +28,7 @@ from wrenchsight.models.recordings.rosbag.bounded_bag import (
 from wrenchsight.models.recordings.rosbag.messages import MOST_NUMBERS
 
 _BLOCK_MESSAGES = 1 << 12
-_DEEPEST = 4  # fields within fields
+_MAX_DEPTH = 4  # fields within fields
 _MOST_TOPICS = 32  # whose first message is looked at
 _RECORDED = "time"  # of a message that has no time of its own, as the bag has it
 
@@ -99,7 +99,7 @@ def _parts(bag: OpenedBag, connection: Any, deserialize: Any, names: list[str]) 
 def _numbers(message: Any, prefix: str = "", depth: int = 0) -> dict[str, float]:
     """The numbers of a message by the names of their fields, entries of arrays from 1 on."""
     found: dict[str, float] = {}
-    if depth > _DEEPEST:
+    if depth > _MAX_DEPTH:
         return found
     if isinstance(message, bool | int | float | np.number):
         return {prefix: float(message)}
