@@ -532,7 +532,7 @@ def test_the_checks_can_be_left_out(estimated, recording):
 def test_absurd_numbers_do_not_crash(estimated, recording, size):
     """Without the checks anything may come; the figure must take it, or one line refuse it."""
     current = recording.current.copy()
-    current[700:] *= size
+    current[900:] *= size  # fewer than half: more are numbers that no driver wrote
     absurd = replace(recording, current=current)
     for method in ("bayesian", "inverse"):
         config = _config(method=method, check=False)
@@ -540,7 +540,7 @@ def test_absurd_numbers_do_not_crash(estimated, recording, size):
             assert estimated(config, of=absurd).num_samples == recording.num_samples
         else:
             line = _line(lambda config=config: estimated(config, of=absurd))
-            assert "log.csv: line 702, i" in line
+            assert "log.csv: line 902, i" in line
             assert "beyond any robot" in line
 
 
