@@ -45,6 +45,9 @@ NUM_BESIDE_FORCE = 2  # faults, the likeliest ones, that are tried beside forces
 # Of what the likeliest explanation without a fault leaves unexplained where a fault beside such
 # forces leaves no contact: share that the fault leaves at most.
 MAX_LEFT_BESIDE_FORCE = 0.5
+# Share of the torque's mean square that such a fault explains beyond the log as it is: friction
+# that has drifted, beside steps of force, leaves what the sign of a joint that carries little does.
+MIN_EXPLAINED_BESIDE_FORCE = 0.05
 MAX_UNEXPLAINED_SHARE = 0.5  # share of rows that are neither free nor touched by a plausible force
 _ROUNDING_SHARE = 1e-9  # of the share that a fault leaves unexplained, where both leave nothing
 
@@ -320,7 +323,8 @@ def _beside_forces(
     fault then counts, if it is a choice: a number that is fitted could stand for a force that
     changes. What counts of the log is where the fault leaves no contact: the approach, and what is
     as expected beside a force. There it leaves MAX_LEFT_BESIDE_FORCE of what the likeliest
-    explanation without a fault leaves, at most.
+    explanation without a fault leaves, at most, and it explains MIN_EXPLAINED_BESIDE_FORCE more of
+    the whole log than is explained as it is.
 
     Args:
         case: the log, its model and the fit of the log as it is.
@@ -344,6 +348,8 @@ def _beside_forces(
         (one for one in beside if one.is_fault), key=lambda one: log_odds[one.name], default=None
     )
     if fault is None or not (fault.is_choice and fault.has_force) or fault.fitted is None:
+        return None
+    if fault.explained - base_explained < MIN_EXPLAINED_BESIDE_FORCE:
         return None
     fits = [(one.log_evidence, one.fitted) for one in beside if not one.is_fault and one.fitted]
     _, other = max([(base.fit.log_evidence, base), *fits], key=lambda pair: pair[0])

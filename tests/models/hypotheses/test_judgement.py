@@ -534,6 +534,17 @@ def test_orders_and_signs_are_named_beside_a_contact_for_most_of_the_log(
     assert fault.has_force
 
 
+def test_a_fault_beside_a_contact_explains_more_than_drift_may_leave(
+    ur10e: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sign of a wrist explained 2 % more of a log with drifted friction and steps of force."""
+    log = slide(ur10e)
+    log = replace(log, current=turned(log.current, 3))
+    monkeypatch.setattr(judgement, "MIN_EXPLAINED_BESIDE_FORCE", 1.0)
+    fault = judge_log([log], ur10e, identified(ur10e)).fault
+    assert fault is None or not fault.has_force
+
+
 def test_a_log_that_nothing_explains_is_said_as_that(ur10e: Robot) -> None:
     """Currents of another motion."""
     log = motion(ur10e)
