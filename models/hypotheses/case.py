@@ -42,9 +42,7 @@ END_MARGIN = 0.6  # s at both ends of a log, which a shift in time takes away
 MIN_MARGINS = 8.0  # of these margins: of a shorter log the ends are used, too
 MIN_MOVING_SHARE = 0.3  # of a row's time, in which a joint that moves does
 MIN_MOVING_ROWS = 10  # of a joint whose friction shows
-MIN_FRICTION_SHARE = (
-    5e-4  # of the effort limit: friction of a joint that moves is 1 % or more of it
-)
+MIN_FRICTION_SHARE = 5e-4  # of the effort limit: moving joints have friction of 1 % or more of it
 GOOD_SHARE = 0.9  # of rows that are free of contact and fault
 MOST_ROWS = 300  # at which the evidence is taken
 _LINK_PARAMETERS = 4  # m and m c: what gravity shows

@@ -15,13 +15,12 @@ from wrenchsight.models.hypotheses.case import Case, FittedView, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import GAIN_WORD, JOINT_SIGNALS, correction_word
+from wrenchsight.models.recordings.recording_checks import LIMIT_MARGIN, SPEED_MARGIN
 
 NAME = "unit of the positions"
 MIN_LOG_FACTOR = 0.3  # of the logarithm of a factor: less is a model's masses, or a zero
 MIN_STANDARD_ERRORS = 5.0  # by which the logarithm of a factor is away from zero
 MAX_FACTOR = 300.0  # that is tried, and its inverse: degrees, gears
-LIMIT_MARGIN = 0.2  # rad or m by which a log may exceed the robot's limits, as the log's check
-SPEED_MARGIN = 2.0  # times the velocity limit, as the log's check
 _LOG_STEP = 0.25  # of the factors of all joints that are tried first
 _PRIOR_SD = 0.3  # of the logarithm of a factor, at each step of its fit
 _MAX_FIRST_STEP = 1.0  # of the logarithm, from the log as it is
@@ -231,7 +230,7 @@ def _remedy(factor: float, described: str) -> str:
 
 
 def _is_possible(case: Case, factors: Array) -> bool:
-    """Whether the robot's limits allow such positions and velocities."""
+    """Whether a log of such positions and velocities would pass the check of the robot's limits."""
     robot, rows = case.robot, case.rows
     q, v = factors * rows.q, factors * rows.v
     is_beyond = (q > robot.position_upper + LIMIT_MARGIN) | (

@@ -22,9 +22,9 @@ from wrenchsight.models.recordings.recording_format import ColumnLayout
 from wrenchsight.models.robot.robot import Robot
 
 _RAD_PER_DEGREE = np.pi / 180
-_LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
+LIMIT_MARGIN = 0.2  # rad or m beyond a position limit: logs exceed soft limits a little
 CERTAINLY_DEGREES = 4 * np.pi  # rad; no joint turns twice about itself
-_SPEED_MARGIN = 2.0  # times the velocity limit
+SPEED_MARGIN = 2.0  # times the velocity limit
 _MAX_SPEED = 20.0  # rad/s or m/s, where the robot states no limit
 _JUMP_MARGIN = 0.1  # rad or m beyond what twice the velocity limit allows
 _WINDOW_S = 0.1  # over which the integral of v is compared with the change of q
@@ -114,7 +114,7 @@ class RecordingChecks:
         """
         lower, upper = self._robot.position_lower, self._robot.position_upper
         excess = np.maximum(chunk.q - upper, lower - chunk.q)
-        k, j = _first_place(excess > _LIMIT_MARGIN)
+        k, j = _first_place(excess > LIMIT_MARGIN)
         if k < 0:
             return
         value = chunk.q[k, j]
@@ -148,7 +148,7 @@ class RecordingChecks:
 
     def _check_speeds(self, chunk: Recording) -> None:
         limit = self._robot.velocity_limit
-        k, j = _first_place(np.abs(chunk.v) > _SPEED_MARGIN * limit)
+        k, j = _first_place(np.abs(chunk.v) > SPEED_MARGIN * limit)
         if k < 0:
             return
         value = chunk.v[k, j]
@@ -165,7 +165,7 @@ class RecordingChecks:
     def _check_jumps(self, part: Recording) -> None:
         jump = np.diff(part.q, axis=0)
         fastest = np.minimum(self._robot.velocity_limit, _MAX_SPEED)
-        reach = _SPEED_MARGIN * fastest * np.diff(part.t)[:, None]
+        reach = SPEED_MARGIN * fastest * np.diff(part.t)[:, None]
         k, j = _first_place(np.abs(jump) > reach + _JUMP_MARGIN)
         if k < 0:
             return
