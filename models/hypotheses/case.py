@@ -88,10 +88,18 @@ class View:
 
 
 class FittedView(NamedTuple):
-    """A log as a hypothesis sees it, with its fit."""
+    """A log as a hypothesis sees it, with its fit.
+
+    Attributes:
+        view: the log.
+        fit: of what is open.
+        explained: share of the measured torque's mean square that the fit explains, in units of the
+            error, 0 to 1.
+    """
 
     view: View
     fit: Fit
+    explained: float
 
 
 class _Expected(NamedTuple):
@@ -163,9 +171,14 @@ class Case:
         return self._expected(self.rows, self._chain, slice(None)).columns
 
     @cached_property
-    def base_fit(self) -> Fit:
+    def base_fitted(self) -> FittedView:
         """The log as it is, with contacts and a load."""
-        return self.fit(self.base)
+        return self.fitted(self.base)
+
+    @property
+    def base_fit(self) -> Fit:
+        """The fit of the log as it is."""
+        return self.base_fitted.fit
 
     @cached_property
     def quick_base_evidence(self) -> float:
@@ -263,12 +276,13 @@ class Case:
         residual = view.measured[at] - view.expected[at]
         return view.kinds.fit(residual, view.columns, view.prior_sd, quick)
 
-    def explained(self, view: View, fit: Fit) -> float:
-        """Share of the measured torque's mean square that a fit explains, in units of the error."""
+    def fitted(self, view: View) -> FittedView:
+        """A view with its fit, and the share of the torque that this explains."""
+        fit = self.fit(view)
         measured = view.measured[self.at] / view.kinds.sd
         left = fit.residual / view.kinds.sd
         left_square, square = (float(self._weight @ (x**2).sum(axis=1)) for x in (left, measured))
-        return max(0.0, 1.0 - left_square / max(square, _LEAST_SQUARE))
+        return FittedView(view, fit, max(0.0, 1.0 - left_square / max(square, _LEAST_SQUARE)))
 
     def free_share(self, fitted: FittedView) -> Array:
         """(N,) probability that nothing but the model's error is in each row `at`, by a fit."""

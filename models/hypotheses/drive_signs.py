@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
@@ -28,7 +28,7 @@ def explain(case: Case) -> Explanation | None:
     if signs is None:
         return None
     view = _view(case, signs)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
     wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
     word = case.word
@@ -38,11 +38,9 @@ def explain(case: Case) -> Explanation | None:
     option = correction_word(DRIVE_SIGNALS, TURNED_WORD, turned)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # All 2^n signs are equally likely beforehand.
-        log_evidence=fit.log_evidence - case.num_joints * math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-case.num_joints * math.log(2.0),
         is_choice=True,
         cause=f"{word}s of the opposite sign at {wrong}",
         remedy=f"{remedy}, or try --log-format {option}",

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_format import PER_CENT, PER_MILLE
@@ -151,15 +151,15 @@ def _explanation(case: Case, form: _Form) -> Explanation:
     is_near = form.sd is not None
     if is_near:
         view = _common_view(case, float(gains[0]))
-        fit = case.fit(view)
-        log_evidence = fit.log_evidence
+        fitted = case.fitted(view)
+        log_prior = 0.0
     else:
         view = _view(case, gains)
-        fit = case.fit(view)
+        fitted = case.fitted(view)
         # The density of what was measured, not of what is made of it: a signal divided by d has a
         # density that is d times as large at each sample.
-        log_evidence = fit.log_evidence - N * float(np.log(_divisor(gains)).sum())
-    log_evidence -= 0.5 * form.num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
+        log_prior = -N * float(np.log(_divisor(gains)).sum())
+    log_prior -= 0.5 * form.num_free * math.log(max(N, 2.0)) + math.log(_NUM_FORMS)
     found = (
         _of_known_unit(case, gains)
         or _of_rated_torque(case, gains)
@@ -168,10 +168,8 @@ def _explanation(case: Case, form: _Form) -> Explanation:
     )
     return Explanation(
         name=NAME,
-        log_evidence=log_evidence,
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=log_prior,
         cause=found.cause,
         remedy=found.remedy,
         values={"gain": gains.tolist()} | found.values,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.numerics.arrays import Array
@@ -38,14 +38,12 @@ def explain(case: Case) -> Explanation | None:
         return None
     order = found.order
     view = _view(case, order)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     word = case.word
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - math.lgamma(n + 1),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=-math.lgamma(n + 1),
         is_choice=True,
         cause=f"{word}s in the order {order_text(order)}",
         remedy=(

@@ -7,7 +7,7 @@ is a torque in another unit, which `effort_gain` explains much better.
 import math
 from dataclasses import replace
 
-from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "no torque of the drives"
@@ -20,14 +20,12 @@ def explain(case: Case) -> Explanation | None:
         return None
     base = case.base
     view = replace(base, measured=base.measured + base.expected)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is.
-        log_evidence=fit.log_evidence - math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0),
         has_form=False,
         cause=(
             f"a quantity that is no {case.word} of the drives (at joints that move it is "

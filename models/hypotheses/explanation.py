@@ -16,11 +16,9 @@ class Explanation:
 
     Attributes:
         name: name of the hypothesis, as the registry has it.
-        log_evidence: natural logarithm; what was chosen among several forms is paid for.
-        explained: share of the measured torque's mean square, 0 to 1.
-        kind_share: (5,) of the rows, by `evidence.KINDS`.
-        fitted: the log as the hypothesis sees it, with its fit; None: no force at the tool is tried
-            beside it.
+        fitted: the log as the hypothesis sees it, with its fit.
+        log_prior: natural logarithm, to be added to the fit's evidence: how likely this form is
+            beforehand, and what was chosen or scaled among several forms to find it.
         cause: what would be wrong, as the subject of "... explain": "currents in the order ...".
         remedy: what to do, with the key or option that mends it.
         values: what was found, by name with its unit, for metrics.json.
@@ -30,24 +28,39 @@ class Explanation:
             if that does not fit the model.
         is_choice: whether it is one of few, an order or signs, in which nothing is fitted: what a
             force does at every instant it cannot copy.
+        may_hide_force: whether forces at the tool that last may be tried beside it.
         has_force: whether forces at the tool that last stand beside it (`lasting_force`).
         is_fault: whether readings of the log as it is would be wrong; friction that has drifted is
             none, as the band holds it.
     """
 
     name: str
-    log_evidence: float
-    explained: float
-    kind_share: Array
+    fitted: FittedView
+    log_prior: float
     cause: str
     remedy: str
-    fitted: FittedView | None = None
     values: dict[str, float | list[float]] = field(default_factory=dict)
     is_fault: bool = True
     is_small: bool = False
     has_form: bool = True
     is_choice: bool = False
+    may_hide_force: bool = True
     has_force: bool = False
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural logarithm of the evidence."""
+        return self.fitted.fit.log_evidence + self.log_prior
+
+    @property
+    def explained(self) -> float:
+        """Share of the measured torque's mean square, 0 to 1."""
+        return self.fitted.explained
+
+    @property
+    def kind_share(self) -> Array:
+        """(5,) of the rows, by `evidence.KINDS`."""
+        return self.fitted.fit.kind_share
 
 
 def likeliest(found: Iterable[Explanation | None]) -> Explanation | None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import OFFSET_SHARE, Case, FittedView
+from wrenchsight.models.hypotheses.case import OFFSET_SHARE, Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "external torque as effort"
@@ -27,14 +27,12 @@ def explain(case: Case) -> Explanation | None:
         columns=columns,
         prior_sd=OFFSET_SHARE * case.effort_limit,
     )
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is.
-        log_evidence=fit.log_evidence - math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0),
         has_form=False,
         cause="external torque, without gravity and friction, in place of the drives' torque",
         remedy="read it as it is: add --torque external and leave --model out",

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "drift of friction"
@@ -23,16 +23,15 @@ def explain(case: Case) -> Explanation | None:
     prior_sd = base.prior_sd.copy()
     prior_sd[first : first + 2 * n] *= WIDER_RATIO
     view = replace(base, prior_sd=prior_sd)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
+    fit = fitted.fit
     change = fit.theta[first : first + n] / np.maximum(base.prior_sd[first : first + n], 1e-9)
     worst = int(np.argmax(np.abs(change)))
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is.
-        log_evidence=fit.log_evidence - math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0),
         cause=f"friction that is not the model's, most of all of {case.robot.joint_names[worst]}",
         remedy="refresh it: wrenchsight identify --refresh",
         values={

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.models.estimation.wrench_prior import STANDARD_GRAVITY
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
-from wrenchsight.models.hypotheses.evidence import Fit
+from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 
@@ -40,11 +39,11 @@ def explain(case: Case) -> Explanation | None:
     found = _found(case, columns, g_length)
     if found is None:
         return None
-    direction, view, fit = found
+    direction, fitted = found
     direction_without_load = _without_load(case, columns, g_length)
     if direction_without_load is not None:
         direction = direction_without_load
-    error = math.degrees(float(np.max(fit.sd[:2])))
+    error = math.degrees(float(np.max(fitted.fit.sd[:2])))
     tilt = math.pi
     if stated_length > 0.0:
         tilt = math.acos(min(1.0, max(-1.0, float(direction @ g / stated_length))))
@@ -54,12 +53,10 @@ def explain(case: Case) -> Explanation | None:
     listed = ", ".join(f"{value + 0.0:.2f}" for value in gravity)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Beforehand any direction is as likely: a sphere of 4 pi, over the area 2 pi that the
         # prior of the two turns (of sd 1 each) stands for.
-        log_evidence=fit.log_evidence - math.log(4.0 * math.pi / (2.0 * math.pi)),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(4.0 * math.pi / (2.0 * math.pi)),
         cause=(
             f"gravity {math.degrees(tilt):.1f} +- {error:.1g} deg away from robot.yaml's "
             f"({_mounting(tilt)})"
@@ -73,14 +70,13 @@ def explain(case: Case) -> Explanation | None:
 
 
 class _Found(NamedTuple):
-    """A direction of gravity (3,), with view and fit of the step that found it.
+    """A direction of gravity (3,), with the fit of the step that found it.
 
     They are about the direction before the last turn, whose two angles come first in theta and sd.
     """
 
     direction: Array
-    view: View
-    fit: Fit
+    fitted: FittedView
 
 
 def _found(case: Case, columns: Array, size: float) -> _Found | None:
@@ -103,10 +99,10 @@ def _found(case: Case, columns: Array, size: float) -> _Found | None:
         turned = case.view(base.rows, size * direction)
         across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
         view = turned.with_columns(columns @ (size * across.T), np.ones(2))
-        fit = case.fit(view)
-        direction = direction + across.T @ fit.theta[:2]
+        fitted = case.fitted(view)
+        direction = direction + across.T @ fitted.fit.theta[:2]
         direction = direction / np.linalg.norm(direction)
-    return _Found(direction, view, fit)
+    return _Found(direction, fitted)
 
 
 def _without_load(case: Case, columns: Array, size: float) -> Array | None:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.recordings.log_words import WITHOUT_GRAVITY
 
@@ -17,14 +17,12 @@ def explain(case: Case) -> Explanation | None:
     base = case.base
     gravity = case.gravity(base.rows.q)
     view = replace(base, measured=base.measured + gravity)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is.
-        log_evidence=fit.log_evidence - math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0),
         has_form=False,
         cause=f"a {case.word} from which the controller has taken gravity",
         remedy=(

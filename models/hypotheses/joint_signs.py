@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.sign_search import best_signs
 from wrenchsight.models.numerics.arrays import Array
@@ -35,7 +35,7 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     if signs is None:
         return None
     view = _view(case, signs, with_effort)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     turned = [int(j) + 1 for j in np.flatnonzero(signs < 0.0)]
     wrong = ", ".join(case.robot.joint_names[j - 1] for j in turned)
     signals = (
@@ -43,11 +43,9 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
     )
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # All 2^n signs are equally likely beforehand, with or without the drives' signals.
-        log_evidence=fit.log_evidence - (case.num_joints + 1) * math.log(2.0),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-(case.num_joints + 1) * math.log(2.0),
         is_choice=True,
         cause=f"{signals} of the opposite sign at {wrong}",
         remedy=joint_remedy(case.key if with_effort else None, TURNED_WORD, f"{turned}", turned),

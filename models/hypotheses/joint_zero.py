@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
-from wrenchsight.models.hypotheses.explanation import Explanation
+from wrenchsight.models.hypotheses.case import Case, View
+from wrenchsight.models.hypotheses.explanation import Explanation, likeliest
 from wrenchsight.models.numerics.arrays import Array
 
 NAME = "zero of a joint"
@@ -18,6 +18,7 @@ _MAX_STEPS = 3  # of Newton
 _MAX_CHANGE_SDS = 0.3  # of a step, below which it is the last one
 _LEAST_STATED_SD = 5e-4  # rad (m), of an offset that is stated to three digits
 _DIFFERENCE_STEP = 1e-3  # rad (m), of the derivative
+_MOST_REFINED = 2  # first guesses that are fitted
 _QUARTER_TURNS = (-0.5 * math.pi, 0.5 * math.pi, math.pi)
 
 
@@ -34,14 +35,9 @@ def explain(case: Case) -> Explanation | None:
         for offset in _QUARTER_TURNS:
             score = case.fit(_view(case, j, offset), quick=True).log_evidence
             found.append((score, j, offset))
-    best: Explanation | None = None
-    for _, j, offset in sorted(found, reverse=True)[:2]:
-        explanation = _refined(case, j, offset)
-        if explanation is not None and (
-            best is None or explanation.log_evidence > best.log_evidence
-        ):
-            best = explanation
-    return best
+    return likeliest(
+        _refined(case, j, offset) for _, j, offset in sorted(found, reverse=True)[:_MOST_REFINED]
+    )
 
 
 def _refined(case: Case, j: int, guess: float) -> Explanation | None:
@@ -59,7 +55,8 @@ def _refined(case: Case, j: int, guess: float) -> Explanation | None:
     for _ in range(_MAX_STEPS):
         shifted = _view(case, j, offset)
         view = shifted.with_columns(_derivative(case, j, offset), np.array([PRIOR_SD]))
-        fit = case.fit(view)
+        fitted = case.fitted(view)
+        fit = fitted.fit
         change = float(fit.theta[0])  # what `with_columns` adds comes first
         offset += change
         if abs(change) < _MAX_CHANGE_SDS * float(fit.sd[0]):
@@ -73,10 +70,8 @@ def _refined(case: Case, j: int, guess: float) -> Explanation | None:
     in_file = float(case.robot.q_offset[j]) + offset  # the log's positions have what is there now
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - math.log(2.0 * case.num_joints),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=-math.log(2.0 * case.num_joints),
         # Off by the opposite of what has to be added to positions.
         cause=f"a zero of {name} that is off by {-offset:.3f} +- "
         f"{max(sd, _LEAST_STATED_SD):.1g} {unit}",

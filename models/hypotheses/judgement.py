@@ -14,7 +14,7 @@ from typing import Any
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.hypotheses import lasting_force
-from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.evidence import KINDS
 from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
 from wrenchsight.models.hypotheses.log_rows import log_rows
@@ -281,7 +281,7 @@ def judge(case: Case) -> Judgement:
     Args:
         case: the log, its model and the fit of the log as it is.
     """
-    explained = case.explained(case.base, case.base_fit)
+    explained = case.base_fitted.explained
     tried = [explain(case) for explain in HYPOTHESES.values()]
     explanations = [one for one in tried if one is not None]
     log_odds = _log_odds(explanations, case.base_fit.log_evidence, explained)
@@ -334,7 +334,7 @@ def _beside_forces(
     Returns:
         None where no force lasts, or where no order or signs count.
     """
-    base = FittedView(case.base, case.base_fit)
+    base = case.base_fitted
     force = [one for one in explanations if one.name == lasting_force.NAME]
     if not force or force[0].log_evidence <= base.fit.log_evidence:
         return None
@@ -347,11 +347,11 @@ def _beside_forces(
     fault = max(
         (one for one in beside if one.is_fault), key=lambda one: log_odds[one.name], default=None
     )
-    if fault is None or not (fault.is_choice and fault.has_force) or fault.fitted is None:
+    if fault is None or not (fault.is_choice and fault.has_force):
         return None
     if fault.explained - base_explained < MIN_EXPLAINED_BESIDE_FORCE:
         return None
-    fits = [(one.log_evidence, one.fitted) for one in beside if not one.is_fault and one.fitted]
+    fits = [(one.log_evidence, one.fitted) for one in beside if not one.is_fault]
     _, other = max([(base.fit.log_evidence, base), *fits], key=lambda pair: pair[0])
     share = case.free_share(fault.fitted)
     if case.left(fault.fitted, share) > MAX_LEFT_BESIDE_FORCE * case.left(other, share):

@@ -48,10 +48,8 @@ def explain(case: Case) -> Explanation | None:
         return None
     return Explanation(
         name=NAME,
-        log_evidence=fitted.fit.log_evidence - math.log(_NUM_FORMS),
-        explained=case.explained(*fitted),
-        kind_share=fitted.fit.kind_share,
         fitted=fitted,
+        log_prior=-math.log(_NUM_FORMS),
         cause="a force at the tool that lasts",
         remedy="nothing is to be mended",
         is_fault=False,
@@ -61,21 +59,18 @@ def explain(case: Case) -> Explanation | None:
 
 def with_force(case: Case, explanation: Explanation) -> Explanation:
     """The explanation with forces that last beside it, if that is likelier; else as it is."""
-    alone = explanation.fitted
-    beside = None if alone is None else _fitted_beside(case, alone.view)
-    if alone is None or beside is None:
+    if not explanation.may_hide_force:
         return explanation
-    gain = beside.fit.log_evidence - alone.fit.log_evidence - math.log(_NUM_FORMS)
-    if gain <= 0.0:
+    fitted = _fitted_beside(case, explanation.fitted.view)
+    if fitted is None:
         return explanation
-    return replace(
+    beside = replace(
         explanation,
-        log_evidence=explanation.log_evidence + gain,
-        explained=case.explained(*beside),
-        kind_share=beside.fit.kind_share,
-        fitted=beside,
+        fitted=fitted,
+        log_prior=explanation.log_prior - math.log(_NUM_FORMS),
         has_force=True,
     )
+    return beside if beside.log_evidence > explanation.log_evidence else explanation
 
 
 def _fitted_beside(case: Case, view: View) -> FittedView | None:
@@ -154,7 +149,7 @@ def _fitted_within(case: Case, base: View, columns: Array, masks: Sequence[Flags
     sd = base.kinds.wrench_sd
     prior_sd = np.tile([*sd, sd[-1]], len(masks))
     view = base.with_columns(np.concatenate(blocks, axis=2), prior_sd)
-    return FittedView(view, case.fit(view))
+    return case.fitted(view)
 
 
 def _best_interval(case: Case, base: View, fit: Fit, torque: Array, is_within: Flags) -> _Stretch:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.log_rows import slowest_sliding
 
@@ -40,17 +40,15 @@ def explain(case: Case) -> Explanation | None:
         return None
     best = max(forms, key=lambda form: case.fit(_view(case, form), quick=True).log_evidence)
     view = _view(case, best)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     names = case.robot.joint_names
     name, before = names[best.joint], names[best.joint - 1]
     change, of_what = ("subtract", "from") if best.sign < 0.0 else ("add", "to")
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is, and each form as likely.
-        log_evidence=fit.log_evidence - math.log(2.0 * len(forms)),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0 * len(forms)),
         cause=(
             f"a position of {name} that counts {before}, too (the angle of the link to the ground, "
             "as some pendants show it),"

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, joint_remedy, likeliest
 from wrenchsight.models.hypotheses.order_search import Order, best_order, order_text, usual_orders
 from wrenchsight.models.recordings.log_words import ORDER_WORD
@@ -39,17 +39,15 @@ def _explain(case: Case, with_effort: bool) -> Explanation | None:
         return None
     order = found.order
     view = _view(case, order, with_effort)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     # Odds beforehand: all n! orders are equally likely, with or without the drives' signals.
     log_prior = -math.lgamma(n + 1) - math.log(2.0)
     order_listed, places = order_text(order), [k + 1 for k in order]
     signals = "all signals" if with_effort else "positions and velocities"
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence + log_prior,
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=log_prior,
         is_choice=True,
         cause=f"{signals} in the order {order_listed}",
         remedy=(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, View
+from wrenchsight.models.hypotheses.case import Case, View
 from wrenchsight.models.hypotheses.explanation import Explanation, likeliest, numbers_text
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import GAIN_WORD, JOINT_SIGNALS, correction_word
@@ -68,14 +68,12 @@ def _of_unit(case: Case, unit: _Unit, turns: Flags) -> Explanation | None:
     if not _is_possible(case, factors):
         return None
     view = _view(case, factors)
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is, and each unit as likely.
-        log_evidence=fit.log_evidence - math.log(2.0 * len(UNITS)),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        log_prior=-math.log(2.0 * len(UNITS)),
         cause=f"positions and velocities in {unit.name}, read as rad",
         remedy=_remedy(unit.factor, unit.remedy),
         values={"rad_per_unit": unit.factor},
@@ -178,7 +176,8 @@ def _refined(
     log_factor = guess
     for _ in range(_MAX_STEPS):
         view = _linearised(case, factors, log_factor, _view(case, factors(log_factor)))
-        fit = case.fit(view)
+        fitted = case.fitted(view)
+        fit = fitted.fit
         change, sd = float(fit.theta[0]), float(fit.sd[0])  # what `with_columns` adds comes first
         log_factor += change
         if abs(log_factor) > math.log(MAX_FACTOR):
@@ -191,10 +190,8 @@ def _refined(
     factor = math.exp(log_factor)
     explanation = Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence - math.log(2.0 * num_forms),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=-math.log(2.0 * num_forms),
         cause="",
         remedy="",
     )
@@ -244,6 +241,10 @@ def _score(case: Case, factors: Array) -> float:
 
 
 def _view(case: Case, factors: Array) -> View:
+    """The log with positions and velocities times factors (n,), which are positive.
+
+    `sliding` stays: the sign of a velocity is the same in any unit.
+    """
     rows = case.rows
     return case.view(
         replace(rows, q=factors * rows.q, v=factors * rows.v, vdot=factors * rows.vdot)

@@ -32,7 +32,7 @@ def explain(case: Case) -> Explanation | None:
     if not stands_still.any() or is_constant.all():
         return None
     view = replace(base, measured=np.where(stands_still, base.expected, base.measured))
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     unit = "N m" if rows.is_torque else "A"
     listed = ", ".join(
         f"{case.robot.joint_names[j]} (at {effort[0, j]:.3g} {unit})"
@@ -40,11 +40,11 @@ def explain(case: Case) -> Explanation | None:
     )
     return Explanation(
         name=NAME,
+        fitted=fitted,
         # Half as likely beforehand as the log as it is; each set of joints as likely.
-        log_evidence=fit.log_evidence - math.log(2.0**case.num_joints),
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
+        log_prior=-math.log(2.0**case.num_joints),
         has_form=False,
+        may_hide_force=False,
         cause=f"{case.word}s that stand still while the joint moves, of {listed},",
         remedy=(
             f"record the {case.word} of each joint, with a resolution of a hundredth of its limit; "

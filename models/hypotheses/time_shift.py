@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from wrenchsight.models.hypotheses.case import Case, FittedView, RowIndices, View
+from wrenchsight.models.hypotheses.case import Case, RowIndices, View
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_words import DELAY_WORD, DRIVE_SIGNALS, correction_word
@@ -61,20 +61,18 @@ def explain(case: Case) -> Explanation | None:
     if abs(best.shift) < MIN_SHIFT and not window:
         return None
     view = _with_drives_earlier(case, _model_view(case, window), _spline(case), best.shift)
-    fit = case.fit(view)  # in full; the search has ranked shifts by quick ones
+    fitted = case.fitted(view)  # in full; the search has ranked shifts by quick ones
     cause, remedy = _sentences(case, best, window)
     # The evidence of a fit at the best shift is that of its peak. The integral over all shifts is
     # the peak times its width and the density of the shift beforehand.
     log_width_share = math.log(peak_width_share(best.shift, best.sd))
     log_prior = math.log(_EACH_MEAN_PRIOR if window else _SHIFT_ALONE_PRIOR)
     # Friction is late in any log: what its lateness alone explains speaks for no fault.
-    log_evidence = fit.log_evidence - _known_of_friction(case, best.shift, window)
+    log_prior -= _known_of_friction(case, best.shift, window)
     return Explanation(
         name=NAME,
-        log_evidence=log_evidence + log_width_share + log_prior,
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=log_prior + log_width_share,
         cause=cause,
         remedy=remedy,
         # Of slow motion an average changes little.

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.explanation import Explanation
 
 NAME = "current without sign"
@@ -42,17 +42,15 @@ def explain(case: Case) -> Explanation | None:
     is_unsigned = np.ones(n, bool) if is_all else lacks_sign
     signed = np.abs(base.measured) * np.where(expected < 0.0, -1.0, 1.0)
     view = replace(base, measured=np.where(is_unsigned, signed, base.measured))
-    fit = case.fit(view)
+    fitted = case.fitted(view)
     names = [case.robot.joint_names[j] for j in np.flatnonzero(is_unsigned)]
     place = "" if is_all else f" at {', '.join(names)}"
     # Half as likely beforehand as the log as it is; of some joints, each set of them as likely.
     log_prior = -math.log(2.0) if is_all else -math.log(2.0**n)
     return Explanation(
         name=NAME,
-        log_evidence=fit.log_evidence + log_prior,
-        explained=case.explained(view, fit),
-        kind_share=fit.kind_share,
-        fitted=FittedView(view, fit),
+        fitted=fitted,
+        log_prior=log_prior,
         cause=f"{case.word}s without sign{place} (no value is negative)",
         remedy=(
             f"log the signed {case.word}: a force cannot be told from a size alone "

@@ -18,7 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.hypotheses import judgement, lasting_force
-from wrenchsight.models.hypotheses.case import Case
+from wrenchsight.models.hypotheses.case import Case, FittedView
+from wrenchsight.models.hypotheses.evidence import Fit
 from wrenchsight.models.hypotheses.explanation import Explanation
 from wrenchsight.models.hypotheses.judgement import (
     Judgement,
@@ -565,9 +566,17 @@ def test_real_logs_are_not_wrong(ur10e: Robot, data: Callable[[str], Path], name
 
 
 def fault(kind_share, has_form=True):
-    return Explanation(
-        "a fault", 0.0, 0.99, np.array(kind_share), "it", "mend it", has_form=has_form
-    )
+    empty = np.empty(0)
+    fit = Fit(0.0, theta=empty, sd=empty, kind_share=np.array(kind_share), residual=empty)
+    fitted = FittedView(None, fit, explained=0.99)  # the rules read no view
+    return Explanation("a fault", fitted, 0.0, "it", "mend it", has_form=has_form)
+
+
+def explanation(name, case, gain, explained, kind_share, **kinds):
+    """Of a case, whose evidence as it is has grown by `gain`."""
+    fit = replace(case.base_fit, kind_share=np.array(kind_share))
+    fitted = FittedView(case.base, fit, explained)
+    return Explanation(name, fitted, gain, "it", "mend it", may_hide_force=False, **kinds)
 
 
 def test_what_is_to_be_tried_holds_the_words_in_use() -> None:
@@ -612,9 +621,8 @@ def test_a_choice_that_leaves_more_than_it_explains_is_no_cause(
     """Of many orders one always fits best, also where the model fits nothing of the log."""
 
     def explain(case: Case) -> Explanation:
-        share = np.array((0.2, 0.3, 0.5 - odd, 0.0, odd))
-        evidence = case.base_fit.log_evidence + 60.0
-        return Explanation("order", evidence, explained, share, "it", "mend it", has_form=has_form)
+        share = (0.2, 0.3, 0.5 - odd, 0.0, odd)
+        return explanation("order", case, 60.0, explained, share, has_form=has_form)
 
     monkeypatch.setattr(judgement, "HYPOTHESES", {"order": explain})
     log = motion(ur10e)
@@ -630,10 +638,9 @@ def test_a_small_fault_is_none_where_the_log_fits_as_it_is(ur10e, monkeypatch, d
     a log that does not fit it may be a zero."""
 
     def explain(case: Case) -> Explanation:
-        explained = 1.0 - 0.9 * (1.0 - case.explained(case.base, case.base_fit))
-        share = np.array((0.99, 0.01, 0.0, 0.0, 0.0))
-        evidence = case.base_fit.log_evidence + 50.0
-        return Explanation("zero", evidence, explained, share, "it", "mend it", is_small=True)
+        explained = 1.0 - 0.9 * (1.0 - case.base_fitted.explained)
+        share = (0.99, 0.01, 0.0, 0.0, 0.0)
+        return explanation("zero", case, 50.0, explained, share, is_small=True)
 
     monkeypatch.setattr(judgement, "HYPOTHESES", {"zero": explain})
     log = later(motion(ur10e), delay)
@@ -656,15 +663,14 @@ def test_a_small_fault_is_named_where_the_log_fits_as_it_is(
     """A fifth of what an identified model leaves unexplained, as a zero that is off by .05 rad
     leaves on recordings of a UR10e."""
 
-    def explanation(case: Case, name: str, gain: float, is_small: bool) -> Explanation:
-        explained = 1.0 - left * (1.0 - case.explained(case.base, case.base_fit))
-        share = np.array((0.99, 0.01, 0.0, 0.0, 0.0))
-        evidence = case.base_fit.log_evidence + gain
-        return Explanation(name, evidence, explained, share, "it", "mend it", is_small=is_small)
+    def explained_as(case: Case, name: str, gain: float, is_small: bool) -> Explanation:
+        explained = 1.0 - left * (1.0 - case.base_fitted.explained)
+        share = (0.99, 0.01, 0.0, 0.0, 0.0)
+        return explanation(name, case, gain, explained, share, is_small=is_small)
 
     hypotheses = {
-        "zero": lambda case: explanation(case, "zero", 50.0, True),
-        "tilt": lambda case: explanation(case, "tilt", rival, False),
+        "zero": lambda case: explained_as(case, "zero", 50.0, True),
+        "tilt": lambda case: explained_as(case, "tilt", rival, False),
     }
     monkeypatch.setattr(judgement, "HYPOTHESES", hypotheses)
     model = replace(
