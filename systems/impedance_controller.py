@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort
 
 from wrenchsight.models.control.impedance import (
+    ForceControlInputs,
     ForceGains,
     SpringDamper,
     impedance_action,
@@ -17,15 +18,16 @@ from wrenchsight.models.control.impedance import (
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.rigid_body.desired_pose import POSE_REFERENCE_SIZE
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.declarations import (
     TunedParameters,
     checked_effort_limit,
     declare_cached,
     declare_held_outputs,
+    parts_of,
     terms_at,
 )
-from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock, ticking_period
 
 _NO_WRENCH = np.zeros(6)
@@ -96,7 +98,7 @@ class ImpedanceController(SampledBlock):
                           +---------------------+
 
     Inputs:      terms           RigidBodyTerms (abstract) of the model
-                 pose_reference  (18,) R_WD row by row, p_WD, V_WD [angular; linear]
+                 pose_reference  (18,) of `models.rigid_body.desired_pose`
                  reference       (3n,) q_d, v_d, vdot_d; optional: fed forward where connected
                  wrench          (6,) F_E_W from a sensor or an estimate, environment on robot,
                                  rotation first; for force control
@@ -165,6 +167,8 @@ class ImpedanceController(SampledBlock):
         # Of the stiffness, the damping and pose_error; else they are in axes of W.
         self._has_axes_of_E = bool(self._default_law["in_E"].item())
         self.output_sizes = {"tau_command": self._n, "pose_error": 6, "valid": 1, "integral": 1}
+        # Where each output is in the port `all`: `_calc_all` fills the outputs by their names.
+        self._slices = parts_of(self.output_sizes)
         self._at_rest = np.zeros(3 * self._n)  # q_d, v_d, vdot_d of a reference not connected
         self._declare_parameters()
         self._declare_ports()
@@ -236,30 +240,30 @@ class ImpedanceController(SampledBlock):
         return self._has_force
 
     def _calc_all(self, context: Context, output: BasicVector) -> None:
-        out, n, has_force = output.get_mutable_value(), self._n, self._has_force
+        out, slices, has_force = output.get_mutable_value(), self._slices, self._has_force
         has_reference = self._reference.HasValue(context)
         terms = terms_at(self._terms, context, self._n)
-        # `out` is tau_command (n,), pose_error (6,), valid, integral: the kernel writes the first
-        # two, and returns the others.
-        out[n + 6 :] = impedance_action(
+        force = ForceControlInputs(
+            is_active=self._controls_force(context),
+            is_valid=_is_on(self._feedback_valid, context),
+            setpoint=self._force_setpoint.Eval(context).item() if has_force else 0.0,
+            wrench=self._wrench.Eval(context) if has_force else _NO_WRENCH,
+            integral=self.memory(context).item(),
+        )
+        tick = impedance_action(
             self._law.EvalAbstract(context).get_value(),
             terms.record,
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            (
-                self._controls_force(context),
-                _is_on(self._feedback_valid, context),
-                self._force_setpoint.Eval(context).item() if has_force else 0.0,
-                self._wrench.Eval(context) if has_force else _NO_WRENCH,
-                self.memory(context).item(),
-            ),
-            out[:n],
-            out[n : n + 6],
+            force,
+            out[slices["tau_command"]],  # written, as the next
+            out[slices["pose_error"]],
         )
+        out[slices["valid"]], out[slices["integral"]] = tick.is_usable, tick.integral
 
     def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
         out = self._all.Eval(context)
-        memory[:] = out[-1:]  # the integral at the end of the tick, last of `output_sizes`
+        memory[:] = out[self._slices["integral"]]  # at the end of the tick
         return (out,)
 
 

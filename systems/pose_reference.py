@@ -3,9 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from wrenchsight.models.rigid_body.desired_pose import POSE_REFERENCE_SIZE, desired_pose
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
-
-POSE_REFERENCE_SIZE = 18
 
 
 class PoseReference(LeafSystem):
@@ -16,9 +15,8 @@ class PoseReference(LeafSystem):
                       +---------------+
 
     Input:   reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
-    Output:  pose_reference  (18,) of the desired frame D: R_WD (9) row by row, p_WD (3) m,
-                             V_WD (6) angular then linear velocity in axes of W, rad/s and m/s;
-                             direct feedthrough
+    Output:  pose_reference  (18,) of the desired frame D, its parts those of
+                             `models.rigid_body.desired_pose`; direct feedthrough
     State:   none
 
     Args:
@@ -42,7 +40,6 @@ class PoseReference(LeafSystem):
         reference = self._reference.Eval(context)
         terms = self._chain.terms(reference[:n], reference[n : 2 * n])
         pose = np.empty(POSE_REFERENCE_SIZE)
-        pose[:9] = terms.R_WE.ravel()
-        pose[9:12] = terms.p_WE
-        pose[12:] = terms.V_WE
+        desired = desired_pose(pose)  # views
+        desired.R_WD[:], desired.p_WD[:], desired.V_WD[:] = terms.R_WE, terms.p_WE, terms.V_WE
         output.SetFromVector(pose)

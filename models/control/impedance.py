@@ -11,7 +11,7 @@ left and right Jacobians of SO(3) (Chirikjian, Stochastic Models, Information Th
 Groups 2, eqs. 10.85, 10.86).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.numerics.views import plain
+from wrenchsight.models.rigid_body.desired_pose import DesiredPose, desired_pose
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 
 _NO_GAIN = np.zeros((6, 6))
@@ -104,19 +105,6 @@ def impedance_law(
         direction_in_E=gains.in_E,
         has_force=force is not None,
     )
-
-
-class DesiredPose(NamedTuple):
-    """The desired pose D of the tool and its velocity, in axes of W.
-
-    Attributes:
-        R_WD, p_WD: (3, 3); (3,) m.
-        V_WD: (6,) rad/s, m/s, rotation first.
-    """
-
-    R_WD: Array
-    p_WD: Array
-    V_WD: Array
 
 
 @kernel
@@ -400,7 +388,7 @@ def impedance_action(
     terms: Record,
     pose_reference: Array,
     reference: Array,
-    packed_force: tuple[Any, ...],
+    force: ForceControlInputs,
     tau: Array,
     error: Array,
 ) -> ImpedanceTick:
@@ -412,10 +400,10 @@ def impedance_action(
     Args:
         law: of `impedance_law`; without has_force the integral stays.
         terms: of `terms_type`.
-        pose_reference: (18,) R_WD row by row, p_WD, V_WD.
+        pose_reference: (18,), whose parts are those of `desired_pose`.
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
-        packed_force: fields of ForceControlInputs, in their order: the set-point is a push in N
-            along the direction d, the wrench what the environment does to the robot.
+        force: the set-point is a push along the direction d, the wrench what the environment does
+            to the robot.
         tau: (n,) N m, written.
         error: (6,) of `pose_error`, written.
 
@@ -424,7 +412,6 @@ def impedance_action(
         controlled, the integral is such that force control takes over without a jump but that of
         its proportional part.
     """
-    force = ForceControlInputs(*packed_force)
     is_active, setpoint, integral = force.is_active, force.setpoint, force.integral
     effort_limit = law[0].effort_limit
     is_usable = (
@@ -439,11 +426,7 @@ def impedance_action(
         error[:] = 0.0
         return ImpedanceTick(False, integral)
     R_WE, p_WE = plain(terms[0].R_WE), plain(terms[0].p_WE)
-    desired = DesiredPose(
-        R_WD=pose_reference[:9].reshape(3, 3),
-        p_WD=pose_reference[9:12],
-        V_WD=pose_reference[12:],
-    )
+    desired = desired_pose(pose_reference)
     # The direction d of force control in W, and what the environment pushes along it.
     d_W = law[0].direction.copy()
     if law[0].direction_in_E == 1.0:

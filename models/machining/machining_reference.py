@@ -2,8 +2,7 @@
 
 Under force control the pose is that of the planned path. Before and after it E moves along the
 tool's axis from an anchor: the approach from where the run starts, lift and retreat from where they
-are decided. The anchor is (15,): R_WD row by row, p_WD and the outward unit vector, in W. D is the
-pose that E is to have.
+are decided. D is the pose that E is to have.
 """
 
 from typing import NamedTuple
@@ -29,6 +28,7 @@ from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.planning.motion.paths import quintic_at
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.desired_pose import desired_pose
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -84,11 +84,14 @@ class PassMemory(NamedTuple):
 
     Attributes:
         state: (7,) of wrenchsight.models.machining.machining_phases.
-        anchor: (15,) as the module describes it.
+        R_anchor, p_anchor: (3, 3) and (3,) m, pose of D in W from which it moves off the path.
+        outward: (3,) unit vector in W along which it does, out of the surface.
     """
 
     state: Array
-    anchor: Array
+    R_anchor: Array
+    p_anchor: Array
+    outward: Array
 
 
 class PassProgress(NamedTuple):
@@ -154,7 +157,9 @@ def plan_pass(
 def initial_memory(chain: SerialChain, path: MachiningPath) -> PassMemory:
     """The memory of a pass before its first tick: E is where the path's run starts."""
     R_WD, p_WD = chain.pose(path.q_start)
-    return PassMemory(initial_state(), np.concatenate([R_WD.ravel(), p_WD, -R_WD[:, 2]]))
+    return PassMemory(
+        state=initial_state(), R_anchor=R_WD.copy(), p_anchor=p_WD.copy(), outward=-R_WD[:, 2]
+    )
 
 
 @kernel
@@ -178,22 +183,21 @@ def machining_reference(
         t: s.
         memory: of the pass, read only.
         terms: of `terms_type`: where the arm is.
-        pose: (18,), written: R_WD row by row, p_WD m, V_WD rad/s, m/s.
+        pose: (18,), written: its parts are those of `desired_pose`.
         reference: (3, n), written: q_d, v_d, vdot_d: rad, rad/s, rad/s^2.
     """
-    state, anchor = memory
+    state = memory.state
     # Views of what is written.
-    p_WD, V_WD = pose[9:12], pose[12:]
+    desired = desired_pose(pose)
+    R_WD, p_WD, V_WD = desired.R_WD, desired.p_WD, desired.V_WD
     q_d, v_d, vdot_d = reference[0], reference[1], reference[2]
     n, phase = reference.shape[1], int(state[PHASE])
     is_force_controlled = force_controlled(phase)
     path_time = work_time(state, t, plan.t[-1] - plan.t[0])
     if is_force_controlled:
         quintic_at(plan.t, plan.q, plan.v, plan.vdot, path_time, reference)
-        R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
-        scratch = np.empty((n, SCRATCH_COLUMNS))
+        J_D, scratch = np.empty((6, n)), np.empty((n, SCRATCH_COLUMNS))
         pose_and_jacobian(plan.chain, q_d, R_WD, p_WD, J_D, scratch)
-        pose[:9] = R_WD.ravel()
         for i in range(6):
             V_WD[i] = 0.0
             for j in range(n):
@@ -205,13 +209,12 @@ def machining_reference(
                 V_push[3 + i] = plan.touch_speed * R_WD[i, 2]
             _joint_velocity(J_D, V_push, v_d)
     else:
-        p_anchor, outward = anchor[9:12], anchor[12:]
         distance, speed = outward_travel(plan.phases, state, t)
-        pose[:9] = anchor[:9]
+        R_WD[:] = memory.R_anchor
         for i in range(3):
-            p_WD[i] = p_anchor[i] + distance * outward[i]
+            p_WD[i] = memory.p_anchor[i] + distance * memory.outward[i]
             V_WD[i] = 0.0
-            V_WD[3 + i] = speed * outward[i]
+            V_WD[3 + i] = speed * memory.outward[i]
         for j in range(n):
             q_d[j] = terms[0].q[j]
             vdot_d[j] = 0.0
@@ -242,7 +245,7 @@ def advance_reference(
         memory: changed. The anchor takes the tool's pose and the direction outward, -z of E, at the
             tick at which it begins to lift or to retreat.
     """
-    state, anchor = memory
+    state = memory.state
     q, R_WE, p_WE = plain(terms[0].q), plain(terms[0].R_WE), plain(terms[0].p_WE)
     joint_room = np.inf
     for j in range(q.shape[0]):
@@ -262,10 +265,9 @@ def advance_reference(
     has_changed = advance(plan.phases, inputs, state)
     phase = int(state[PHASE])
     if has_changed and phase in (Phase.LIFT, Phase.RETREAT):
-        anchor[:9] = R_WE.ravel()
-        anchor[9:12] = p_WE
+        memory.R_anchor[:], memory.p_anchor[:] = R_WE, p_WE
         for i in range(3):
-            anchor[12 + i] = -R_WE[i, 2]
+            memory.outward[i] = -R_WE[i, 2]
 
 
 @kernel

@@ -19,6 +19,7 @@ from typing import Any, TypeVar, overload
 import numba
 from numba import njit
 from numba.core import caching
+from numba.extending import register_jitable
 
 NO_NEW_ARRAYS = {"_nrt": False}
 """Option of a kernel that makes, returns and stores no array: numba counts no references to those
@@ -71,6 +72,16 @@ def kernel(function: Any = None, **options: Any) -> Any:
     compiled: Any = njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function)
     compiled._cache = _Cache(function)
     return compiled
+
+
+def in_kernels(function: _Function) -> _Function:
+    """Lets kernels call a function that stays plain Python where Python calls it.
+
+    It is compiled with each kernel that calls it. Made for functions that name the parts of a
+    vector, as views of it: a layout is so stated once for blocks and kernels.
+    """
+    made: _Function = register_jitable(function)
+    return made
 
 
 def kernel_stamp(file: Path, name: str) -> str:

@@ -18,13 +18,13 @@ from wrenchsight.models.machining.tool_vibration import (
     track_vibration,
 )
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.desired_pose import POSE_REFERENCE_SIZE, desired_pose
 from wrenchsight.systems.declarations import (
     declare_held_outputs,
     parts_of,
     terms_at,
     torque_error_size,
 )
-from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 from wrenchsight.systems.sampled_block import SampledBlock
 
 
@@ -138,7 +138,7 @@ class ToolVibrationTracker(SampledBlock):
             out[slices["freed_sd"]],
         )
         terms = terms_at(self._terms, context, self._n)
-        normal = self._pose.Eval(context)[2:9:3]  # z axis of R_WD, which is (9,) row by row
+        normal = desired_pose(self._pose.Eval(context)).R_WD[:, 2]
         # Writes joint_shares and joint_shares_sd.
         expected_shares(terms.M, constants.inertia_sd, terms.J, normal, self._shares(out))
 

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.control.impedance import (
-    DesiredPose,
+    ForceControlInputs,
     ForceGains,
     SpringDamper,
     impedance_action,
@@ -14,6 +14,7 @@ from wrenchsight.models.control.impedance import (
 )
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
+from wrenchsight.models.rigid_body.desired_pose import DesiredPose
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 
 RANDOM = np.random.default_rng(4)
@@ -147,7 +148,7 @@ def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     arm = terms(M=M, Cv=Cv, G=G, J=J, R_WE=R_WE, p_WE=p_WE, V_WE=V_WE, v=v)
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
     torque, offset = np.empty(n), np.empty(6)
-    force = (is_active, valid, setpoint, wrench, integral)
+    force = ForceControlInputs(is_active, valid, setpoint, wrench, integral)
     is_usable, end = impedance_action(controller, arm, pose, reference, force, torque, offset)
     assert is_usable
     d_W = R_WE @ direction

@@ -55,10 +55,19 @@ def plan(robot, path, reads_at_rest):
     )
 
 
+def anchor_along(outward):
+    """Pose and outward direction of an anchor, as PassMemory has them."""
+    return np.eye(3), np.array([0.1, 0.2, 0.3]), np.array(outward)
+
+
+def no_anchor():
+    return np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+
+
 def reference(robot, path, t, state, anchor, reads_at_rest=True):
     terms = robot.chain.terms(robot.home, np.zeros(6))
     pose, joints = np.empty(18), np.empty((3, 6))
-    memory = PassMemory(state, anchor)
+    memory = PassMemory(state, *anchor)
     progress = machining_reference(
         plan(robot, path, reads_at_rest), t, memory, terms.record, pose, joints
     )
@@ -72,7 +81,7 @@ def reference(robot, path, t, state, anchor, reads_at_rest=True):
 def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = phase, 5.0, 8.0
-    (pose, joints, control), _ = reference(sts, path, 5.7, state, np.zeros(15))
+    (pose, joints, control), _ = reference(sts, path, 5.7, state, no_anchor())
     q, v, vdot = path[0].sample(time)
     np.testing.assert_allclose(joints, np.concatenate([q, v, vdot]), atol=1e-13)
     terms = sts.chain.terms(q, v)
@@ -96,11 +105,10 @@ def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
 def test_approach_and_retreat_move_along_the_anchors_direction(sts, path, phase, way, speed):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 3.0
-    outward = np.array([0.6, 0.0, 0.8])
-    anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], outward])
+    R_anchor, p_anchor, outward = anchor = anchor_along([0.6, 0.0, 0.8])
     (pose, joints, control), terms = reference(sts, path, 4.0, state, anchor)
-    np.testing.assert_array_equal(pose[:9], anchor[:9])
-    np.testing.assert_allclose(pose[9:12], anchor[9:12] + way * outward, atol=1e-13)
+    np.testing.assert_array_equal(pose[:9], R_anchor.ravel())
+    np.testing.assert_allclose(pose[9:12], p_anchor + way * outward, atol=1e-13)
     np.testing.assert_allclose(pose[12:], [0.0, 0.0, 0.0, *(speed * outward)], atol=1e-13)
     mobility = terms.J @ terms.J.T + 1e-6 * np.eye(6)
     v = terms.J.T @ np.linalg.solve(mobility, pose[12:])
@@ -117,21 +125,21 @@ def tick(robot, path, state, anchor, push, q=None, reads_at_rest=True, t=5.0):
         t,
         terms.record,
         wrench,
-        PassMemory(state, anchor),
+        PassMemory(state, *anchor),
     )
     return terms
 
 
 def test_a_retreat_starts_from_where_it_is_decided(sts, path):
-    state, anchor = initial_state(), np.zeros(15)
+    state, anchor = initial_state(), no_anchor()
     state[[PHASE, SINCE]] = Phase.WORK, 4.0
     tick(sts, path, state, anchor, push=40.0)
     assert state[PHASE] == Phase.WORK
-    np.testing.assert_array_equal(anchor, 0.0)
+    assert not any(part.any() for part in anchor)
     terms = tick(sts, path, state, anchor, push=PHASES.max_force + 1.0)
     np.testing.assert_array_equal(state[:3], [Phase.RETREAT, 5.0 + T, Fault.OVER_FORCE])
-    expected = np.concatenate([terms.R_WE.ravel(), terms.p_WE, -terms.R_WE[:, 2]])
-    np.testing.assert_array_equal(anchor, expected)
+    for part, expected in zip(anchor, (terms.R_WE, terms.p_WE, -terms.R_WE[:, 2]), strict=True):
+        np.testing.assert_array_equal(part, expected)
 
 
 def test_a_joint_near_its_limit_ends_it(sts, path):
@@ -140,7 +148,7 @@ def test_a_joint_near_its_limit_ends_it(sts, path):
         q[4] = limit[4] + sign * 0.5 * PHASES.joint_margin
         state = initial_state()
         state[[PHASE, SINCE]] = Phase.WORK, 4.0
-        tick(sts, path, state, np.zeros(15), 40.0, q)
+        tick(sts, path, state, no_anchor(), 40.0, q)
         assert state[2] == Fault.JOINT_LIMIT
 
 
@@ -148,8 +156,8 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     """Their friction is fed forward into the surface, the place stays."""
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
-    (pose, joints, control), _ = reference(sts, path, 5.7, state, np.zeros(15))
-    (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, np.zeros(15), False)
+    (pose, joints, control), _ = reference(sts, path, 5.7, state, no_anchor())
+    (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, no_anchor(), False)
     np.testing.assert_array_equal(pose, same_pose)
     np.testing.assert_array_equal(
         joints[[*range(6), *range(12, 18)]], pushing[[*range(6), *range(12, 18)]]
@@ -175,7 +183,7 @@ def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
     state, pose, joints = initial_state(), np.empty(18), np.empty((3, 6))
     state[[PHASE, SINCE]] = Phase.TOUCH, 5.0
     terms = sts.chain.terms(trajectory.q[0], np.zeros(6))
-    memory = PassMemory(state, np.zeros(15))
+    memory = PassMemory(state, *no_anchor())
     machining_reference(made, 5.7, memory, terms.record, pose, joints)
     velocity = terms.J[3:] @ (joints[1] - trajectory.v[0])
     # The damping of J, 1e-6, against its smallest singular value squared.
@@ -186,7 +194,7 @@ def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
 def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
-    anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
+    anchor = anchor_along([0.0, 0.0, 1.0])
     (*motion, control), _ = reference(sts, path, 5.7, state, anchor)
     (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, False)
     np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
@@ -212,7 +220,7 @@ def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
 def test_an_estimate_counts_where_the_feed_is_steady(sts, path, phase, time, valid):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
-    anchor = np.zeros(15)
+    anchor = no_anchor()
     for reads_at_rest, expected in ((False, valid), (True, 1.0)):
         (_, _, control), _ = reference(sts, path, 5.0 + time, state, anchor, reads_at_rest)
         assert control[-1] == expected
@@ -226,9 +234,9 @@ def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
 ):
     state = initial_state()
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
-    tick(sts, path, state, np.zeros(15), push, reads_at_rest=False)
+    tick(sts, path, state, no_anchor(), push, reads_at_rest=False)
     # What is no number is no reading, wherever that is.
     assert (state[PHASE] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
     state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
-    tick(sts, path, state, np.zeros(15), push)
+    tick(sts, path, state, no_anchor(), push)
     assert state[PHASE] == Phase.RETREAT
