@@ -90,8 +90,9 @@ def _reads_external_torque(settings: EstimateSettings) -> bool:
     from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
 
     log, torque = Path(settings.log), settings.estimate.torque
-    if is_torque_log(log, settings.log_format, torque):
-        if settings.model is None:
+    has_model = settings.model is not None
+    if is_torque_log(log, settings.log_format, torque, has_model):
+        if not has_model:
             return True
         problem = "is not used with the controller's external torque"
         raise InputError("estimate", "--model", problem, "leave it out, or --torque currents")

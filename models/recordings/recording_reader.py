@@ -350,7 +350,7 @@ class RecordingReader:
                 if not fault and name != "v" and blocks and self._moves():
                     fault = constant(np.concatenate(blocks))
                 if fault:
-                    self._leave_out(name)
+                    self.leave_out(name)
                     if name != "v":
                         self._torque_substitute = f"its {word} {fault}"
                         self._torque_remedy = _FILL
@@ -391,7 +391,7 @@ class RecordingReader:
             if len(idle):
                 names = ", ".join(self.layout.column_of("v", int(j)) for j in idle)
                 names = "all" if len(idle) == chunk.num_joints else names
-                self._leave_out("v")
+                self.leave_out("v")
                 self._is_differentiated = True
                 self._notices.append(
                     f"the velocities stand still while the joints move ({names}): {differentiation}"
@@ -420,8 +420,8 @@ class RecordingReader:
         signals = [changed.get(signal.name, signal) for signal in self.layout.signals]
         self.layout = replace(self.layout, signals=tuple(signals))
 
-    def _leave_out(self, name: str) -> None:
-        """Takes a signal out of the layout."""
+    def leave_out(self, name: str) -> None:
+        """Takes a signal out of the layout, where it is in it."""
         signals = [signal for signal in self.layout.signals if signal.name != name]
         self.layout = replace(self.layout, signals=tuple(signals))
 
@@ -452,7 +452,7 @@ class RecordingReader:
         if self.layout.signal("current") is None:
             self._replace_signals({"tau_J": replace(effort, name="current")})
         else:
-            self._leave_out("tau_J")
+            self.leave_out("tau_J")
             self._notices.append("the effort is left out: the log has currents of its own")
 
     @property

@@ -26,13 +26,17 @@ from wrenchsight.models.robot.robot import Robot
 _CHUNK_ROWS = 1 << 15  # rows of one chunk
 
 
-def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
+def is_torque_log(
+    log: Path, log_format: str | Path | None, torque: str, has_model: bool = False
+) -> bool:
     """Whether `estimate` reads a log's external torque rather than its currents.
 
     False for a log that cannot be opened: its reader reports why.
 
     Args:
         torque: `EstimateConfig.torque`.
+        has_model: whether a model of the arm is given, which explains the torque of the arm's
+            sensors where the log holds that beside the external one.
     """
     if torque != "found":
         return torque == "external"
@@ -40,8 +44,8 @@ def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool
         layout = RecordingReader(log, log_format, check=False).layout
     except InputError:
         return False
-    drives = ("current", "tau_J")
-    return layout.signal(TAU_EXT) is not None and not any(map(layout.signal, drives))
+    has_drives = layout.signal("current") or (has_model and layout.signal("tau_J"))
+    return layout.signal(TAU_EXT) is not None and not has_drives
 
 
 class TorqueLog:
@@ -122,9 +126,12 @@ class TorqueLog:
 
     def reader(self) -> RecordingReader:
         """Opens the log for one pass."""
-        return RecordingReader(
+        reader = RecordingReader(
             self.path, self._log_format, self._robot, self._check, self._sensor_columns, "estimate"
         )
+        if reader.layout.signal(TAU_EXT) is not None:
+            reader.leave_out("tau_J")  # whose faults are none of the external torque
+        return reader
 
     def chunks(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
         """Successive parts of the log: rows, J (N, 6, n) rotation first, tau_ext (N, n)."""

@@ -9,6 +9,7 @@ Jacobian or the joint positions:
                                                      the environment, so that its sign is changed
     jacobian_0_0 .. jacobian_5_6 or J_1_1 ..; or jacobian.1 .., row by row
     q1.., q_0.., joint_position[0]..        rad; and v1.., dq_0.., joint_velocity[0].. rad/s
+    tau_J_0.., tau_J[0]..                   N m, of the arm's sensors, with gravity: motor torque
 
 Each name may follow the topic or object it comes from (/states/tau_ext_hat_filtered[0],
 state.tau_ext_hat_filtered[0]). Other columns are not read. The linear rows of the Jacobian come
@@ -40,7 +41,7 @@ _INDEX = r"(?:[._]?(\d+)|\[(\d+)\])"
 _TORQUE = re.compile(
     rf"(?:.*[/.])?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I
 )
-_JOINT_TORQUE = re.compile(r"(?:.*[/.])?tau_?J[._\[]?\d{1,2}\]?")  # not dtau_J, tau_J_d
+_JOINT_TORQUE = re.compile(rf"(?:.*[/.])?tau_?J{_INDEX}")  # not dtau_J, tau_J_d
 _FRANKA_TORQUE = re.compile(r"tau_ext_hat", re.I)
 _POSITION = re.compile(rf"(?:.*[/.])?(?:q|joint_?positions?){_INDEX}", re.I)
 _VELOCITY = re.compile(rf"(?:.*[/.])?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", re.I)
@@ -81,12 +82,13 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
             "reports the torque that the arm exerts on the environment; add --torque-sign robot to "
             "read them as they are",
         )
-    measured = [name for name in names if _JOINT_TORQUE.fullmatch(name)]
-    if len(measured) >= n:
+    measured = _numbered(names, _JOINT_TORQUE)
+    if len(measured) == n:
+        form.motor_torque = _columns(measured, _joint_numbers(measured, n), "tau_J", path)
+        first, last = names[measured[min(measured)]], names[measured[max(measured)]]
         notices += (
-            f"{measured[0]} .. {measured[n - 1]}, the measured joint torques, are in the log, too, "
-            "and are not read; to read them in place of the external ones, add motor_torque: "
-            f'{{columns: "{", ".join(measured[:n])}"}} to a description (--log-format)',
+            f"{first} .. {last}, the measured joint torques, are read as motor torque: `identify` "
+            "and `estimate` with --model take them, `estimate` without a model the external ones",
         )
     jacobian = _jacobian_columns(names, n, path)
     if jacobian is not None:

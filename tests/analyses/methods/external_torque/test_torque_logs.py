@@ -14,7 +14,7 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     read_pose_logs,
 )
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
+from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog, is_torque_log
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.models.estimation.wrench_table import COLUMNS
@@ -225,3 +225,19 @@ def test_an_effort_without_gravity_is_said_to_be_the_external_torque(panda, tmp_
     (notice,) = [text for text in result.notices if "gravity" in text]
     assert notice.startswith("effort holds no gravity torque (")
     assert notice.endswith("): it is read as the external torque")
+
+
+def test_torque_beside_the_external_one_is_read_where_a_model_explains_it(torque_log, tmp_path):
+    path = torque_log()
+    columns = read_table(path)
+    n = len(columns["t"])
+    sensed = np.where(np.arange(n) == 7, np.nan, np.sin(0.1 * np.arange(n)))
+    columns |= {f"tau_J[{j}]": (1.0 + j) * sensed for j in range(7)}
+    both = tmp_path / "both.csv"
+    rows_of_text = np.column_stack(list(columns.values()))
+    np.savetxt(both, rows_of_text, delimiter=",", header=",".join(columns), comments="")
+    assert is_torque_log(both, None, "found")
+    assert not is_torque_log(both, None, "found", has_model=True)
+    # What is wrong with the torque that is not read does not matter: a number lacks.
+    log = TorqueLog(both, None, None, True, ReferenceConfig())
+    assert sum(part.num_samples for part, _, _ in log.chunks(log.reader())) == n

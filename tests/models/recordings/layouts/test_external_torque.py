@@ -49,15 +49,18 @@ def test_the_sign_of_franka_torques_is_changed_with_a_notice() -> None:
     assert franka.form.velocity.columns == "9, 10, 11, 12, 13, 14, 15"
 
 
-def test_joint_torques_beside_the_external_ones_are_told() -> None:
+def test_joint_torques_beside_the_external_ones_are_the_motor_torque() -> None:
     names = ["t"] + [f"q.{j}" for j in range(7)] + [f"tau_ext_hat_filtered.{j}" for j in range(7)]
     alone = layout_of([*names, *(f"dtau_J.{j}" for j in range(7))])
-    beside = layout_of([*names, *(f"tau_J.{j}" for j in range(7))])
+    beside = layout_of([*names, *(f"tau_J.{j}" for j in range(7)[::-1])])
     assert alone is not None
     assert beside is not None
+    assert alone.form.motor_torque is None
     assert len(beside.notices) == len(alone.notices) + 1
-    assert "tau_J.0 .. tau_J.6, the measured joint torques" in beside.notices[-1]
-    assert 'motor_torque: {columns: "tau_J.0, tau_J.1, ' in beside.notices[-1]
+    assert "tau_J.0 .. tau_J.6, the measured joint torques, are read" in beside.notices[-1]
+    assert beside.form.motor_torque is not None
+    assert beside.form.motor_torque.columns == "22, 21, 20, 19, 18, 17, 16"
+    assert "tau_ext" in beside.form.extra
 
 
 def test_jacobian_columns_have_two_indices_or_one() -> None:
