@@ -182,7 +182,8 @@ def _turned(
         return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
     except (pa.ArrowException, OverflowError) as error:
         problem = f"has a time that is no number ({str(error).splitlines()[0][:200]})"
-        raise InputError(path, "column t", problem, "correct or remove the row") from error
+        place = f"column {', '.join(names[k] for k in columns.times)}"
+        raise InputError(path, place, problem, "correct or remove the row") from error
 
 
 def _without_addresses(labels: Sequence[str]) -> Sequence[str]:

@@ -38,6 +38,7 @@ class Recording:
     extra: Mapping[str, Array] = field(default_factory=dict)  # (T, ...) other signals, by name
     row: NDArray[np.int64] | None = None  # (T,) line or row of the log that holds the sample
     row_word: str = "row"  # name of such a row, for error lines: "line" in a text file
+    time_place: str = "column t"  # where the log has its time, for error lines
     notices: tuple[str, ...] = ()  # what the reader assumed or left out, one sentence each
 
     def __post_init__(self) -> None:

@@ -281,6 +281,14 @@ class ColumnLayout:
         signal = self.signal(name)
         return self.column_names[signal.columns[index]] if signal else name
 
+    @property
+    def time_place(self) -> str:
+        """The column or columns of the time, for error lines."""
+        time = self.signal("t")
+        names = ["t"] if time is None else [self.column_names[k] for k in time.columns]
+        word = "" if names[0].startswith("column ") else "column " if len(names) == 1 else "columns "
+        return word + ", ".join(names)
+
 
 def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
     """Reads a description: a bundled name, or the path of a YAML file.

@@ -700,7 +700,7 @@ class RecordingReader:
         is_absurd = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
         if is_absurd.any():
             k = int(np.argmax(is_absurd))
-            place = f"{place_of(chunk, k)}, {self.layout.column_of('t')}"
+            place = f"{place_of(chunk, k)}, {chunk.time_place}"
             problem = f"{chunk.t[k]:.3g} s is beyond any clock"
             raise InputError(self.path, place, problem, "correct or remove the row")
 
@@ -754,6 +754,7 @@ class RecordingReader:
             extra=signals,
             row=rows,
             row_word=self.table.row_word,
+            time_place=self.layout.time_place,
         )
 
     def _check_num_joints(self) -> None:

@@ -125,7 +125,7 @@ def plausible_step(chunk: Recording) -> float:
                 f"a joint would move by {speed:.3g} (rad or degrees) a second"
             )
     problem = f"the median step is {step:.6g} s, expected {shortest} to {longest} s"
-    raise InputError(chunk.source, "column t", problem, remedy)
+    raise InputError(chunk.source, chunk.time_place, problem, remedy)
 
 
 class _Grid:
@@ -169,7 +169,7 @@ class _Grid:
         problem = f"a gap of {steps[k]:.4g} s, expected at most {self._max_gap:.4g} s"
         raise InputError(
             part.source,
-            f"{place_of(part, k)} to {place_of(part, k + 1)}, column t",
+            f"{place_of(part, k)} to {place_of(part, k + 1)}, {part.time_place}",
             problem,
             "split the log there, or let `estimate` bridge it (--max-gap)",
         )
@@ -242,9 +242,9 @@ def time_error(recording: Recording, sample: int) -> InputError:
     if current < previous:
         remedy = "split the log there: a clock was set, or one recording follows another"
     if is_rounded(recording.t):
-        remedy = "t has too few digits: log it with more; if the samples are evenly spaced, add "
+        remedy = "time has too few digits: log it with more; if the samples are evenly spaced, add "
         remedy += f"--log-format rate_hz={_rate_of_ticks(recording.t)}"
-    place = f"{place_of(recording, sample)}, column t"
+    place = f"{place_of(recording, sample)}, {recording.time_place}"
     return InputError(recording.source, place, problem, remedy)
 
 

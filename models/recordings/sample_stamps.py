@@ -95,7 +95,7 @@ class StampFilter:
             problem = "all stamps are 0: no clock was set, and the log holds no time"
             remedy = "if it was recorded at a known rate, add --log-format rate_hz=100 (samples a "
             remedy += "second; in a description rate_hz: 100 in place of time)"
-            raise InputError(self._pending.source, "column t", problem, remedy)
+            raise InputError(self._pending.source, self._pending.time_place, problem, remedy)
         return self._pending
 
     def _unset(self, t: Array) -> Flags:
@@ -147,4 +147,4 @@ def _stamp_error(part: Recording, signals: Array, k: int) -> InputError:
         f"{difference:.3g}): two sources write into this log"
     )
     remedy = "record one of them, or leave out the other one's rows"
-    return InputError(part.source, f"{place_of(part, k)}, column t", problem, remedy)
+    return InputError(part.source, f"{place_of(part, k)}, {part.time_place}", problem, remedy)

@@ -73,7 +73,7 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
         return None
     form = RecordingFormat(time=times)
     n = len(torque)
-    form.extra[TAU_EXT] = _columns(torque, _joint_numbers(torque, n), TAU_EXT, path)
+    form.extra[TAU_EXT] = _columns(torque, _joint_numbers(torque, n), names, path)
     notices: tuple[str, ...] = (f"read as a log of the external torque of {n} joints",)
     if all(_FRANKA_TORQUE.search(names[column]) for column in torque.values()):
         form.extra[TAU_EXT].exerted_on = ENVIRONMENT
@@ -84,7 +84,7 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
         )
     measured = _numbered(names, _JOINT_TORQUE)
     if len(measured) == n:
-        form.motor_torque = _columns(measured, _joint_numbers(measured, n), "tau_J", path)
+        form.motor_torque = _columns(measured, _joint_numbers(measured, n), names, path)
         first, last = names[measured[min(measured)]], names[measured[max(measured)]]
         notices += (
             f"{first} .. {last}, the measured joint torques, are read as motor torque: `identify` "
@@ -99,10 +99,10 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
         raise InputError(path, "header", problem, "add q1.. and name the robot, or " + _DESCRIBE)
     if position:
         joint_numbers = _joint_numbers(position, n)
-        form.position = _columns(position, joint_numbers, "q", path)
+        form.position = _columns(position, joint_numbers, names, path)
         velocity = _numbered(names, _VELOCITY)
         if set(joint_numbers) <= set(velocity):
-            form.velocity = _columns(velocity, joint_numbers, "v", path)
+            form.velocity = _columns(velocity, joint_numbers, names, path)
     return KnownLayout(form, notices)
 
 
@@ -123,9 +123,9 @@ def _jacobian_columns(names: Sequence[str], n: int, path: Path) -> SignalColumns
         top_row = min(row for row, _ in entries)
         base_joint = min(joint for _, joint in entries)
         keys = [(top_row + i, base_joint + j) for i in range(6) for j in range(n)]
-        jacobian = _columns(entries, keys, JACOBIAN, path)
+        jacobian = _columns(entries, keys, names, path)
     elif flat:
-        jacobian = _columns(flat, range(min(flat), min(flat) + 6 * n), JACOBIAN, path)
+        jacobian = _columns(flat, range(min(flat), min(flat) + 6 * n), names, path)
     else:
         return None
     jacobian.shape = [6, n]
@@ -189,18 +189,33 @@ def _numbered(names: Sequence[str], pattern: re.Pattern[str]) -> dict[int, int]:
     return columns
 
 
+def _name_like(name: str, key: int | tuple[int, int]) -> str:
+    """A column's name with these numbers in place of its last ones."""
+    parts = re.split(r"(\d+)", name)  # every other part is a number
+    numbers = [str(number) for number in np.atleast_1d(key)]
+    places = range(1, len(parts), 2)[-len(numbers) :]
+    for place, number in zip(places, numbers, strict=True):
+        parts[place] = number
+    return "".join(parts)
+
+
 def _columns(
-    columns: Mapping[_Key, int], keys: Sequence[_Key], signal: str, path: Path
+    columns: Mapping[_Key, int], keys: Sequence[_Key], names: Sequence[str], path: Path
 ) -> SignalColumns:
     """The columns of a signal, one for each key.
+
+    Args:
+        columns: of the signal, by key: the numbers in their names.
+        keys: of the columns that the signal needs.
+        names: of all columns.
+        path: path of the log, for error lines.
 
     Raises:
         InputError: a key has no column.
     """
     missing = [key for key in keys if key not in columns]
     if missing:
-        suffix = "_".join(str(number) for number in np.atleast_1d(missing[0]))
         others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        problem = f"lacks {signal}_{suffix}{others}"
+        problem = f"lacks {_name_like(names[next(iter(columns.values()))], missing[0])}{others}"
         raise InputError(path, "header", problem, "export all of its columns")
     return SignalColumns(", ".join(str(columns[key] + 1) for key in keys))

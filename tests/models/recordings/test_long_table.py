@@ -100,7 +100,7 @@ def test_a_time_of_too_many_digits_is_refused(tmp_path: Path) -> None:
     frame["time"] = [10**23 if k == 7 else k // 3 for k in range(len(frame))]
     path = tmp_path / "log.csv"
     frame.to_csv(path, index=False)
-    with pytest.raises(InputError, match="column t: has a time that is no number"):
+    with pytest.raises(InputError, match="column time: has a time that is no number"):
         read_recording(path, None, _ROBOT)  # type: ignore[arg-type]
 
 

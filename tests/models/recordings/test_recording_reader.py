@@ -694,6 +694,18 @@ def test_time_in_another_unit_is_recognised(tmp_path: Path, factor: float, unit:
     )
 
 
+@pytest.mark.parametrize(
+    ("names", "place"),
+    [("timestamp_ms", "column timestamp_ms"), ("header.sec,header.nanosec", "columns header.sec, ")],
+)
+def test_faults_of_time_name_the_columns_of_the_log(tmp_path: Path, names: str, place: str) -> None:
+    table = _table()
+    table[20, 0] = table[18, 0]
+    times = table[:, :1] * 1e3 if "," not in names else np.c_[0 * table[:, 0], table[:, 0] * 1e9]
+    path = _csv(tmp_path, _HEADER.replace("t,", names + ",", 1), *_lines(np.c_[times, table[:, 1:]]))
+    _refused(path, f"line 22, {place}", "runs backwards")
+
+
 def test_time_whose_unit_the_velocities_contradict_is_refused(tmp_path: Path) -> None:
     """At 1 Hz, with velocities that fit to seconds, the step is no millisecond."""
     t = np.arange(40.0)

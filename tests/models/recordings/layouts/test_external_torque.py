@@ -84,8 +84,8 @@ def test_logs_without_torque_or_time_are_not_recognised() -> None:
     [
         (["t", "tau_ext_1", "tau_ext_2"], ("neither a Jacobian nor positions", "q1..")),
         (["t", "tau_ext_0", "tau_ext_2", "q1", "q2"], ("lacks tau_ext_1",)),
-        (["t", "tau_ext_0", "tau_ext_1", "q1"], ("lacks q_2",)),
-        (["t", "tau_ext_0", "J_0_0", "J_1_0"], ("lacks jacobian_2_0", "3 more")),
+        (["t", "tau_ext_0", "tau_ext_1", "q1"], ("lacks q2",)),
+        (["t", "tau_ext_0", "J_0_0", "J_1_0"], ("lacks J_2_0", "3 more")),
     ],
 )
 def test_a_missing_column_is_named(names: list[str], words: tuple[str, ...]) -> None:
