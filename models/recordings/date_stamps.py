@@ -5,6 +5,7 @@
                                 unless its first number is no month
 2024/03/05 02:22:31 PM
 14:22:31.250                    a time alone counts from midnight
+2024-03-05 | 14:22:31.250       a date and a time in two columns
 """
 
 import re
@@ -62,6 +63,11 @@ def is_date(cell: str) -> bool:
     return _DATE.fullmatch(cell.strip()) is not None
 
 
+def is_clock(cell: str) -> bool:
+    """Whether a cell is a time of a day without a date."""
+    return re.fullmatch(_TIME, cell.strip()) is not None
+
+
 def stamp_form(cell: str) -> StampForm | None:
     """How a column writes its time, by its first cell; None where that is no date and time.
 
@@ -75,6 +81,26 @@ def stamp_form(cell: str) -> StampForm | None:
     if month_first is not None and int(month_first["month"]) <= _MONTHS_OF_YEAR:
         orders = {"month first": None, **orders}
     return next((StampForm(o) for o in orders if re.fullmatch(_PATTERNS[o], cell)), None)
+
+
+def joined_seconds(
+    dates: pa.ChunkedArray, clocks: pa.ChunkedArray, form: StampForm
+) -> pa.ChunkedArray:
+    """As `stamp_seconds`, of a date and a time that stand in two columns of texts.
+
+    Args:
+        dates, clocks: of one length; an empty one of either gives a missing number.
+        form: of the date, a blank and the time.
+
+    Raises:
+        pa.ArrowInvalid: as `stamp_seconds`.
+    """
+    dates, clocks = (
+        pc.if_else(pc.equal(texts, ""), None, texts)
+        for texts in (pc.utf8_trim_whitespace(dates), pc.utf8_trim_whitespace(clocks))
+    )
+    joined = pc.binary_join_element_wise(dates, clocks, " ")
+    return stamp_seconds(pc.cast(joined, form.arrow_type()), form)
 
 
 def stamp_seconds(cells: pa.ChunkedArray, form: StampForm) -> pa.ChunkedArray:

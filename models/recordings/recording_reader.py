@@ -276,7 +276,7 @@ class RecordingReader:
         if log.form_source == str(self.path) and names is not None:
             names = _in_lower_case(names)
         header = LogHeader(self.path, names, num_columns)
-        layout = resolve_layout(log.form, log.form_source, header)
+        layout = _with_dated_clock(resolve_layout(log.form, log.form_source, header), log.table)
         corrections = dict(self._words.corrections)
         listed = self._listed_order(log)
         signals = [
@@ -956,6 +956,20 @@ def _described(container: LogContainer, path: Path, description: str | Path) -> 
         table = RatedTable(table, form.rate_hz)
         form = replace(form, time=time, rate_hz=0.0, num_columns=num_columns)
     return _OpenedLog(form, str(form_path), table)
+
+
+def _with_dated_clock(layout: ColumnLayout, table: LogTable) -> ColumnLayout:
+    """The layout, its time one column where it names the date, too, which the table adds itself."""
+    time = layout.signal("t")
+    dates = table.date_columns if isinstance(table, TextTable) else {}
+    if time is None or len(time.columns) == 1:
+        return layout
+    clock = next((k for k in time.columns if dates.get(k) in time.columns), None)
+    if clock is None:
+        return layout
+    dated = replace(time, columns=(clock,), scale=np.ones(1), offset=np.zeros(1))
+    signals = [dated if signal.name == "t" else signal for signal in layout.signals]
+    return replace(layout, signals=tuple(signals))
 
 
 def _recognised(layout: KnownLayout, path: Path, table: LogTable) -> _OpenedLog:

@@ -7,6 +7,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
@@ -14,7 +15,14 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.date_stamps import StampForm, stamp_form, stamp_seconds
+from wrenchsight.models.recordings.date_stamps import (
+    StampForm,
+    is_clock,
+    is_date,
+    joined_seconds,
+    stamp_form,
+    stamp_seconds,
+)
 from wrenchsight.models.recordings.echo_text import lacks_arrays
 from wrenchsight.models.recordings.list_cells import UnfoldedFile, has_lists
 from wrenchsight.models.recordings.plain_text import PlainCopy, is_plain
@@ -164,6 +172,28 @@ def _stamp_forms(first_cells: Sequence[str]) -> dict[int, StampForm]:
     return {k: form for k, form in forms.items() if form is not None}
 
 
+class _DatedClock(NamedTuple):
+    """A column of times of a day, whose days another column has.
+
+    Attributes:
+        date: number of the column of the days.
+        form: of the day, a blank and the time.
+    """
+
+    date: int
+    form: StampForm
+
+
+def _dated_clocks(first_cells: Sequence[str]) -> dict[int, _DatedClock]:
+    """The columns of times of a day beside the only column of dates, by their numbers from 0."""
+    dates = [k for k, cell in enumerate(first_cells) if is_date(cell)]
+    clocks = [k for k, cell in enumerate(first_cells) if is_clock(cell)]
+    if len(dates) != 1:
+        return {}
+    forms = {k: stamp_form(f"{first_cells[dates[0]]} {first_cells[k]}") for k in clocks}
+    return {k: _DatedClock(dates[0], form) for k, form in forms.items() if form is not None}
+
+
 def write_csv_header(file: BinaryIO, names: Sequence[str]) -> None:
     """Writes names without quotes, which pyarrow's own header has."""
     file.write((",".join(names) + "\n").encode())
@@ -192,8 +222,8 @@ class TextTable:
             such a table itself.
 
     A line of units below the header is added to the names, as "q1 [rad]"; further lines of names
-    (pandas' MultiIndex) are joined. A column of dates with times is read in seconds. Lines of text
-    below the last row, and repetitions of the header, are left out with a notice.
+    (pandas' MultiIndex) are joined. A column of dates with times is read in seconds; so is one of
+    times of a day, to which the only column of dates is added. Lines of text below the last row, and repetitions of the header, are left out with a notice.
 
     Attributes:
         first_cells: first cells of the first row.
@@ -202,6 +232,8 @@ class TextTable:
         is_labelled: whether a description finds the columns by their numbers alone.
         rate_hz: rows a second by a step that is stated above them, where their time is empty; 0:
             none is.
+        date_columns: the column of dates that is added to a column of times of a day, by the
+            number of the latter.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -267,12 +299,18 @@ class TextTable:
         self._header = head.header.encode()
         self.first_cells = head.first_cells
         self._stamps = _stamp_forms(self.first_cells)
+        self._dated_clocks = _dated_clocks(self.first_cells)
         self._padding = re.compile(rb" *" + re.escape(self.separator.encode()) + rb" *")
         self._end = self._end_of_rows()
         if self.names and all(is_number(name, self.decimal_mark) for name in self.names):
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self.num_head_lines}", problem, remedy)
+
+    @property
+    def date_columns(self) -> Mapping[int, int]:
+        """As the class has it."""
+        return {clock: dated.date for clock, dated in self._dated_clocks.items()}
 
     def _head_lines(self, file: BinaryIO) -> tuple[list[str], list[int]]:
         """The lines from here on in which the table begins, and how many precede each of them.
@@ -510,7 +548,8 @@ class TextTable:
             InputError: a line or a cell is wrong.
         """
         names = [str(k) for k in range(self.num_columns)]
-        used = [str(k) for k in columns]
+        dates = {self._dated_clocks[k].date for k in columns if k in self._dated_clocks}
+        used = [str(k) for k in sorted({*columns, *dates})]
         block = self._without_headers(block, line)
         # A carriage return within a line: Arrow would take it for the end of the line.
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
@@ -528,7 +567,7 @@ class TextTable:
                     raise
                 block = plain
                 table = self._table(block, names, used)
-            values = _numbers(table, self._stamps)
+            values = _numbers(table, columns, self._stamps, self._dated_clocks)
         except pa.ArrowInvalid as error:
             self._refuse_fault(block, line, columns, may_be_empty)
             raise InputError(
@@ -567,6 +606,8 @@ class TextTable:
 
     def _arrow_type(self, column: int) -> pa.DataType:
         """The type as which Arrow reads a column."""
+        if any(column in (clock, dated.date) for clock, dated in self._dated_clocks.items()):
+            return pa.string()
         form = self._stamps.get(column)
         return pa.float64() if form is None else form.arrow_type()
 
@@ -627,6 +668,8 @@ class TextTable:
         remedy = "correct or remove the line; a short gap is bridged"
         if self.names is None and line == self.num_head_lines + 1:
             remedy = "set header: true in the description if this line names the columns"
+        elif is_date(cell):
+            remedy = "this is a date: name the column of its time of day, to which it is added"
         elif self.decimal_mark == "." and is_number(cell, ","):
             remedy = 'set decimal_mark: "," in the description'
         elif self.decimal_mark == "," and is_number(cell, "."):
@@ -689,20 +732,30 @@ def _after_byte_order_mark(file: BinaryIO) -> int:
     return begin
 
 
-def _numbers(table: pa.Table, stamps: Mapping[int, StampForm]) -> Array:
+def _numbers(
+    table: pa.Table,
+    columns: Sequence[int],
+    stamps: Mapping[int, StampForm],
+    dated_clocks: Mapping[int, _DatedClock],
+) -> Array:
     """(N, k) of a table's columns: a stamp in s, an empty cell NaN.
 
     Args:
         table: its columns have their numbers as names.
+        columns: (k,) numbers of those that are wanted.
         stamps: how the columns of dates with times write them, by their numbers.
+        dated_clocks: the columns to which those of dates are added, by their numbers.
 
     Raises:
-        pa.ArrowInvalid: a cell is no such date.
+        pa.ArrowInvalid: a cell is no such date, or a date alone.
     """
-    values = np.empty((table.num_rows, table.num_columns))
-    for k, name in enumerate(table.column_names):
-        column, form = table.column(k), stamps.get(int(name))
-        if form is not None and table.num_rows:
+    values = np.empty((table.num_rows, len(columns)))
+    for k, number in enumerate(columns):
+        column, form = table.column(str(number)), stamps.get(number)
+        clock = dated_clocks.get(number)
+        if clock is not None and table.num_rows:
+            column = joined_seconds(table.column(str(clock.date)), column, clock.form)
+        elif form is not None and table.num_rows:
             column = stamp_seconds(column, form)
-        values[:, k] = column.to_numpy()
+        values[:, k] = pc.cast(column, pa.float64()).to_numpy()  # a date alone is none
     return values

@@ -1,6 +1,6 @@
 """Dates with times as loggers write them; the oracle is Python's datetime."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -63,3 +63,43 @@ def test_a_log_with_local_dates_is_read(tmp_path: Path) -> None:
     path.write_text("\n".join(["Datum/Zeit;q1;v1;i1", *rows]) + "\n")
     with pytest.raises(InputError):
         read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("names", "date", "clock", "description"),
+    [
+        ("Date,Time", "%Y-%m-%d", "%H:%M:%S.%f", ""),
+        ("Uhrzeit,Datum", "%d.%m.%Y", "%H:%M:%S.%f", ""),
+        ("date,time", "%m/%d/%Y", "%I:%M:%S.%f %p", ""),
+        ("day,clock", "%Y-%m-%d", "%H:%M:%S.%f", "day, clock"),
+    ],
+)
+def test_a_date_and_a_time_in_two_columns_are_one_time(
+    tmp_path: Path, names: str, date: str, clock: str, description: str
+) -> None:
+    """Over midnight, which a time of day alone does not pass."""
+    begin = datetime(2024, 3, 5, 23, 59, 59, 800000, tzinfo=UTC)
+    t = 0.01 * np.arange(40)
+    stamps = [begin + timedelta(seconds=float(x)) for x in t]
+    cells = [(s.strftime(date), s.strftime(clock)) for s in stamps]
+    cells = [pair[::-1] if names.startswith("Uhrzeit") else pair for pair in cells]
+    rows = [f"{a}, {b},{x:.6f},0,1" for (a, b), x in zip(cells, np.sin(t), strict=True)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{names},q1,v1,i1", *rows]) + "\n")
+    form: Path | None = None
+    if description:
+        form = tmp_path / "form.yaml"
+        keys = {"position": "q1", "velocity": "v1", "current": "i1", "time": f'"{description}"'}
+        lines = [f"{key}: {{columns: {columns}}}" for key, columns in keys.items()]
+        form.write_text("\n".join(lines))
+    log = read_recording(path, form)
+    np.testing.assert_allclose(log.t, begin.timestamp() + t, rtol=0, atol=5e-7)
+
+
+def test_a_description_that_names_the_date_alone_is_told_of_the_time(tmp_path: Path) -> None:
+    path, form = tmp_path / "log.csv", tmp_path / "form.yaml"
+    rows = [f"2024-03-05,12:00:00.{k}0,0.{k},0,1" for k in range(10, 40)]
+    path.write_text("\n".join(["day,clock,q1,v1,i1", *rows]) + "\n")
+    form.write_text("time: {columns: day}\nposition: {columns: q1}\ncurrent: {columns: i1}\n")
+    with pytest.raises(InputError, match="this is a date: name the column of its time of day"):
+        read_recording(path, form)
