@@ -286,8 +286,9 @@ class ColumnLayout:
         """The column or columns of the time, for error lines."""
         time = self.signal("t")
         names = ["t"] if time is None else [self.column_names[k] for k in time.columns]
-        word = "" if names[0].startswith("column ") else "column " if len(names) == 1 else "columns "
-        return word + ", ".join(names)
+        if names[0].startswith("column "):  # of a log without names
+            return ", ".join(names)
+        return ("column " if len(names) == 1 else "columns ") + ", ".join(names)
 
 
 def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:

@@ -223,7 +223,8 @@ class TextTable:
 
     A line of units below the header is added to the names, as "q1 [rad]"; further lines of names
     (pandas' MultiIndex) are joined. A column of dates with times is read in seconds; so is one of
-    times of a day, to which the only column of dates is added. Lines of text below the last row, and repetitions of the header, are left out with a notice.
+    times of a day, to which the only column of dates is added. Lines of text below the last row,
+    and repetitions of the header, are left out with a notice.
 
     Attributes:
         first_cells: first cells of the first row.

@@ -34,8 +34,12 @@ from wrenchsight.models.recordings.layouts.signal_words import (
     is_commanded,
     is_measured,
     is_of_drive,
+    is_qualified,
+    is_raw,
     name_tokens,
     without_joint_words,
+    without_qualifiers,
+    without_value_words,
 )
 from wrenchsight.models.recordings.layouts.time_names import clock_numbers, time_columns
 from wrenchsight.models.recordings.log_container import RowWords
@@ -132,7 +136,8 @@ def column_words_layout(
         in_unit = f" in {signal.unit}" if signal.unit else ""
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
-    notices += dict.fromkeys(signal.how for signal in series.values() if signal.how)
+    for signal in series.values():
+        notices += [x for x in (signal.how, signal.left_out) if x and x not in notices]
     notices += order.notices
     form.extra = _further_arrays(names, used_columns)
     used_columns |= {c for columns in form.extra.values() for c in column_numbers(columns)}
@@ -225,11 +230,13 @@ class JointColumns(NamedTuple):
         unit: as descriptions have it; empty where the names state none.
         how: a sentence on how the joints were matched, or which of several series was taken; empty
             where they are numbered in one.
+        left_out: a sentence on columns of the same values, raw or filtered; empty: there are none.
     """
 
     columns: list[int]
     unit: str
     how: str
+    left_out: str = ""
 
 
 def signal_columns(
@@ -271,6 +278,9 @@ def signal_columns(
     has_drives = not by_quantity.keys().isdisjoint(("current", "motor_torque"))
     if same or has_drives:
         by_quantity.setdefault("position", same or bare)
+    qualified: dict[str, str] = {}  # a sentence on the columns left out, by quantity
+    for quantity, columns in by_quantity.items():
+        by_quantity[quantity], qualified[quantity] = _without_qualified(columns, names)
     for quantity in ("velocity", "motor_torque"):
         columns = by_quantity.get(quantity, [])
         behind_gear = [column for column in columns if not is_of_drive(names[column.place])]
@@ -290,8 +300,33 @@ def signal_columns(
         unit_of_place = {column.place: column.name.unit for column in columns}
         units = {unit_of_place[place] for place in places}
         if len(units) == 1 and units <= {"", *UNITS[quantity]}:
-            joint_columns[quantity] = JointColumns(places, units.pop(), how_matched)
+            left_out = qualified.get(quantity, "")
+            joint_columns[quantity] = JointColumns(places, units.pop(), how_matched, left_out)
     return joint_columns
+
+
+def _without_qualified(
+    columns: Sequence[_Column], names: Sequence[str]
+) -> tuple[list[_Column], str]:
+    """The columns but for those that are raw or filtered ones of others, and a sentence on these.
+
+    Of q_1 and q_raw_1 the first is kept; of q_measured_1 and q_raw_1, or q_1 and q_raw_measured_1,
+    the one that is not called raw.
+    """
+    plain = {column.name.words: column for column in columns if not is_qualified(column.name)}
+    values = {without_value_words(words): column for words, column in plain.items()}
+    kept: list[_Column] = []
+    sentence = ""
+    for column in columns:
+        words = without_qualifiers(column.name.words)
+        other = plain.get(words)
+        if other is None and is_raw(column.name):
+            other = values.get(without_value_words(words))
+        if other is None or other is column:
+            kept.append(column)
+        elif not sentence:
+            sentence = f"{names[other.place]} .. is read, not {names[column.place]} .."
+    return kept, sentence
 
 
 def _numbered(

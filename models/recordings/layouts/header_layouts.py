@@ -373,7 +373,7 @@ def _topic_of(
             path, "header", problem, "give the robot that the log comes from, " + DESCRIBE
         )
     problem = f"{len(matches)} topics hold the joints' {quantity}: {', '.join(matches)}"
-    prefixes = {match.prefix for match in matches.values()}
+    prefixes = dict.fromkeys(match.prefix for match in matches.values())
     remedy = "name the columns of one of them in a description (--log-format)"
     if len(prefixes) == len(matches):
         listed = " or ".join(f"{PREFIX}{prefix}" for prefix in prefixes)

@@ -76,6 +76,7 @@ _VALUE_WORDS = {"actual", "act", "measured", "meas", "msr", "real", "ist", "feed
                 "wert", "istwert", "value", "mesure", "misurato", "medido", "实际",
                 "反馈", "当前", "pres", "present"}  # fmt: skip
 _STATE_WORDS = {"state"}  # beside torques that of the positions, where no name is one of these
+_QUALIFIERS = {"raw", "filtered", "filt", "smoothed"}  # of a signal that is logged without, too
 _MEASURED = (_AXIS_WORDS - {"j", "jt", "a"}) | _VALUE_WORDS | {"motor", "raw"}
 _PROGRAM_WORDS = {
     # of KUKA's sensor interface: axes' actual and set positions, motor currents
@@ -193,6 +194,26 @@ def is_of_drive(name: str) -> bool:
 def is_measured(column: ColumnName) -> bool:
     """Whether the name says that its value is measured."""
     return not _VALUE_WORDS.isdisjoint(column.words)
+
+
+def is_raw(column: ColumnName) -> bool:
+    """Whether the name says that its value is raw: before filters, or counts."""
+    return "raw" in column.words
+
+
+def is_qualified(column: ColumnName) -> bool:
+    """Whether the name says that its value is raw or filtered."""
+    return not _QUALIFIERS.isdisjoint(column.words)
+
+
+def without_qualifiers(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words of a joint without those that call its value raw or filtered."""
+    return tuple(word for word in words if word not in _QUALIFIERS)
+
+
+def without_value_words(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words of a joint without those that call its value measured or actual."""
+    return tuple(word for word in words if word not in _VALUE_WORDS)
 
 
 def name_tokens(text: str) -> list[str]:

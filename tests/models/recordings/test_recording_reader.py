@@ -696,13 +696,18 @@ def test_time_in_another_unit_is_recognised(tmp_path: Path, factor: float, unit:
 
 @pytest.mark.parametrize(
     ("names", "place"),
-    [("timestamp_ms", "column timestamp_ms"), ("header.sec,header.nanosec", "columns header.sec, ")],
+    [
+        ("timestamp_ms", "column timestamp_ms"),
+        ("header.sec,header.nanosec", "columns header.sec, "),
+    ],
 )
 def test_faults_of_time_name_the_columns_of_the_log(tmp_path: Path, names: str, place: str) -> None:
     table = _table()
     table[20, 0] = table[18, 0]
-    times = table[:, :1] * 1e3 if "," not in names else np.c_[0 * table[:, 0], table[:, 0] * 1e9]
-    path = _csv(tmp_path, _HEADER.replace("t,", names + ",", 1), *_lines(np.c_[times, table[:, 1:]]))
+    t, signals = table[:, :1], table[:, 1:]
+    columns = [0 * t, 1e9 * t, signals] if "," in names else [1e3 * t, signals]
+    header = _HEADER.replace("t,", f"{names},", 1)
+    path = _csv(tmp_path, header, *_lines(np.concatenate(columns, axis=1)))
     _refused(path, f"line 22, {place}", "runs backwards")
 
 

@@ -308,3 +308,23 @@ def test_what_is_within_a_status_is_a_signal(tmp_path: Path) -> None:
     header = ["t", *(x for name in names for x in _joints(name))]
     log = read_recording(_csv(tmp_path, header, [_T, *_Q.T, *_V.T, *_I.T]))
     np.testing.assert_array_equal(np.c_[log.q, log.v, log.current], np.c_[_Q, _V, _I])
+
+
+@pytest.mark.parametrize(
+    ("plain", "raw"),
+    [
+        ("q_{j}", "q_raw_measured_{j}"),
+        ("left_{n}_pos", "raw_left_{n}_pos"),
+        ("{n}_pos_measured", "raw_{n}_pos"),
+        ("arm_{n}_pos", "arm_{n}_pos_filtered"),
+    ],
+)
+def test_a_series_beside_the_same_one_raw_or_filtered_counts_and_is_told(
+    tmp_path: Path, plain: str, raw: str
+) -> None:
+    drive = "i_{j}" if "{j}" in plain else "{n}_current"
+    header = ["t", *_joints(raw), *_joints(plain), *_joints(drive)]
+    path = _csv(tmp_path, header, [_T, *(5.0 + _Q.T), *_Q.T, *_I.T])
+    log = read_recording(path, None, _ROBOT, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(log.q, _Q)
+    assert f"{_joints(plain)[0]} .. is read, not {_joints(raw)[0]} .." in log.notices
