@@ -12,14 +12,14 @@ from pydrake.multibody.tree import Frame, JointIndex
 from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.signals.gaussian_noise import check_seed, gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.models.signals.tool_wrench import (
+    TOOL_TYPE,
     ToolMotion,
     ToolSensor,
     measure_contact_wrench,
-    tool_table,
 )
 from wrenchsight.systems.declarations import terms_at
 from wrenchsight.systems.sampled_block import SampledBlock, tick_number, ticking_period
@@ -45,13 +45,13 @@ class SensorConstants(NamedTuple):
     """The constants of a sensor, for `models.truth.arm_tick`.
 
     Attributes:
-        tool: table of `tool_table`.
+        tool: (1,) of TOOL_TYPE; (0,): there is no sensor.
         A, B, C: of the low-pass filter.
         noise_sd: (6,) N m, N.
         noise_seed: -1 for no noise.
     """
 
-    tool: Array
+    tool: Record
     A: Array
     B: Array
     C: Array
@@ -60,7 +60,12 @@ class SensorConstants(NamedTuple):
 
 
 NO_SENSOR = SensorConstants(
-    np.empty((0, 3)), np.empty((0, 0)), np.empty(0), np.empty(0), np.zeros(6), -1
+    tool=np.zeros(0, TOOL_TYPE),
+    A=np.empty((0, 0)),
+    B=np.empty(0),
+    C=np.empty(0),
+    noise_sd=np.zeros(6),
+    noise_seed=-1,
 )
 """Stands for a sensor where there is none."""
 
@@ -205,11 +210,11 @@ class ForceTorqueSensor(SampledBlock):
             gaussian_noise(self._seed, tick, self._noise)
         measure_contact_wrench(
             ToolSensor(
-                self._tool,
-                self._filter.A,
-                self._filter.B,
-                self._filter.C,
-                context.get_numeric_parameter(self._noise_sd).value(),
+                tool=self._tool,
+                A=self._filter.A,
+                B=self._filter.B,
+                C=self._filter.C,
+                noise_sd=context.get_numeric_parameter(self._noise_sd).value(),
             ),
             ToolMotion(terms.J, terms.R_WE, terms.V_WE, terms.v, self._vdot.Eval(context)),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
@@ -222,8 +227,8 @@ class ForceTorqueSensor(SampledBlock):
 
 def _tool_constants(
     plant: MultibodyPlant, tool_weld: JointIndex, frame_E: Frame, compensation: float
-) -> Array:
-    """The `tool_table` of a tool, with its mass and inertia times `compensation`."""
+) -> Record:
+    """(1,) of TOOL_TYPE, with its mass and inertia times `compensation`."""
     joint = plant.get_joint(tool_weld)
     body = joint.child_body()
     context = plant.CreateDefaultContext()
@@ -232,11 +237,11 @@ def _tool_constants(
     X_EJ = X_EW @ joint.frame_on_child().CalcPoseInWorld(context)
     inertia = body.default_spatial_inertia()
     about_C = inertia.Shift(inertia.get_com()).CalcRotationalInertia().ReExpress(X_EB.rotation())
-    return tool_table(
-        compensation * inertia.get_mass(),
-        X_EB @ inertia.get_com(),
-        compensation * about_C.CopyToFullMatrix3(),
-        plant.gravity_field().gravity_vector(),
-        X_EJ.rotation().matrix(),
-        X_EJ.translation(),
+    return record(
+        mass=compensation * inertia.get_mass(),
+        p_EC=X_EB @ inertia.get_com(),
+        I_C=compensation * about_C.CopyToFullMatrix3(),
+        gravity=plant.gravity_field().gravity_vector(),
+        R_EJ=X_EJ.rotation().matrix(),
+        p_EJ=X_EJ.translation(),
     )

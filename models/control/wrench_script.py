@@ -11,18 +11,38 @@ from typing import Union
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import kernel
 
-_STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0  # values of column _KIND
-# Columns of the table of segments, one row a segment; times in s since the start of the script's
-# time, lengths in s, frequency in Hz, phase in rad. Columns of other kinds are zero.
-_KIND, _START, _END = 0, 1, 2  # of every segment
-_RISE, _FREQUENCY, _FADE = 3, 3, 3  # of a ramp, a sine, a push
-_PHASE, _PUSH_INDEX = 4, 4  # of a sine; of a push: its row of the tones
-_WRENCH_BEGIN = 5  # first of six: the wrench, amplitude or sd, N m and N
-_PUSH_LENGTH, _PUSH_PERIOD = 11, 12  # length of one push, and from the begin of one to the next
-_NUM_COLUMNS = 13
+_STEP_SHAPE, _RAMP_SHAPE, _SINE_SHAPE, _PUSH_SHAPE = 0.0, 1.0, 2.0, 3.0  # values of `shape`
+SEGMENT_TYPE = record_type(
+    shape=(),
+    start=(),
+    end=(),
+    wrench=(6,),
+    rise=(),
+    frequency=(),
+    phase=(),
+    fade=(),
+    push_length=(),
+    push_period=(),
+    push_index=(),
+)
+"""A segment, as `sample_script` reads it.
+
+    shape        step, ramp, sine or push
+    start, end   s, since the start of the script's time
+    wrench       (6,) N m and N, rotation first: amplitude or sd, which the shape multiplies
+    rise         s, of a ramp
+    frequency    Hz, of a sine
+    phase        rad, of a sine
+    fade         s, of a push, at either end
+    push_length  s, of one push
+    push_period  s, from the begin of one push to the next
+    push_index   of a push, its row of the tones
+
+Fields of other shapes are 0, but `push_period`, a divisor: 1.
+"""
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample
 _ENDLESS_TIME = 1e12  # s; finite, so that it survives YAML
 
@@ -112,30 +132,28 @@ WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP0
 
 
 @kernel
-def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
+def sample_script(table: Record, tones: Array, t: float, wrench: Array) -> None:
     """Writes the wrench (6,) of a script at time t, s; rotation first, N m, N.
 
     Args:
-        table: (segments, _NUM_COLUMNS), columns _KIND to _PUSH_PERIOD: shape and times of
-            a segment, and from _WRENCH_BEGIN on the wrench (6,) that its shape multiplies. Segments
-            add up.
+        table: (segments,) of SEGMENT_TYPE; segments add up.
         tones: (pushes, 6 axes, tones, 2) angular frequency rad/s and phase rad of each push.
         t: s.
         wrench: written.
     """
     wrench[:] = 0.0
     for i in range(table.shape[0]):
-        start, end = table[i, _START], table[i, _END]
-        if t < start or t >= end:
+        segment = table[i]
+        if t < segment.start or t >= segment.end:
             continue
-        kind = table[i, _KIND]
-        elapsed = t - start  # since the segment's start: the tones run on from push to push
-        if kind == _PUSH_SHAPE:
-            push = int(table[i, _PUSH_INDEX])
-            fade = table[i, _FADE]
-            push_time = elapsed % table[i, _PUSH_PERIOD]  # since the start of the present push
+        shape = segment.shape
+        elapsed = t - segment.start  # since the segment's start: the tones run on from push to push
+        if shape == _PUSH_SHAPE:
+            push = int(segment.push_index)
+            fade = segment.fade
+            push_time = elapsed % segment.push_period  # since the start of the present push
             # To the nearer end of the push, or of the segment; negative in the pause.
-            edge = min(push_time, table[i, _PUSH_LENGTH] - push_time, end - t)
+            edge = min(push_time, segment.push_length - push_time, segment.end - t)
             if edge < 0.0:
                 continue
             window = 1.0
@@ -144,20 +162,20 @@ def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
             # A sum of so many sines has the variance tones / 2.
             per_sine = np.sqrt(2.0 / tones.shape[2])
             for axis in range(6):
-                if table[i, _WRENCH_BEGIN + axis] != 0.0:
+                if segment.wrench[axis] != 0.0:
                     sines = 0.0
                     for k in range(tones.shape[2]):
                         sines += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
-                    wrench[axis] += window * table[i, _WRENCH_BEGIN + axis] * sines * per_sine
+                    wrench[axis] += window * segment.wrench[axis] * sines * per_sine
             continue
-        if kind == _STEP_SHAPE:
+        if shape == _STEP_SHAPE:
             gain = 1.0
-        elif kind == _RAMP_SHAPE:
-            gain = min(elapsed / table[i, _RISE], 1.0)
+        elif shape == _RAMP_SHAPE:
+            gain = min(elapsed / segment.rise, 1.0)
         else:  # _SINE_SHAPE
-            gain = np.sin(2.0 * np.pi * table[i, _FREQUENCY] * elapsed + table[i, _PHASE])
+            gain = np.sin(2.0 * np.pi * segment.frequency * elapsed + segment.phase)
         for axis in range(6):
-            wrench[axis] += gain * table[i, _WRENCH_BEGIN + axis]
+            wrench[axis] += gain * segment.wrench[axis]
 
 
 class WrenchScript:
@@ -181,14 +199,13 @@ class WrenchScript:
         self, segments: Sequence[WrenchSegment], seed: int = 0, source: str = "wrench"
     ) -> None:
         self.segments = tuple(segments)
-        rows: list[Array] = []
+        self.table = np.zeros(len(self.segments), SEGMENT_TYPE)
         tones: list[Array] = []  # one entry a push
         for i, segment in enumerate(segments):
             _check(segment, i, source)
-            rows.append(_table_row(segment, push_index=len(tones)))
+            _write_segment(segment, self.table[i], push_index=len(tones))
             if isinstance(segment, HandPush):
                 tones.append(_random_tones(segment, np.random.default_rng([seed, segment.seed, i])))
-        self.table = np.array(rows, dtype=np.float64).reshape(-1, _NUM_COLUMNS)
         self.tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
     def sample(self, t: float) -> Array:
@@ -198,28 +215,26 @@ class WrenchScript:
         return wrench
 
 
-def _table_row(segment: WrenchSegment, push_index: int) -> Array:
-    """The (_NUM_COLUMNS,) numbers of a segment, of `sample_script`.
+def _write_segment(segment: WrenchSegment, entry: np.void, push_index: int) -> None:
+    """Writes a segment into its entry of SEGMENT_TYPE, which holds zeros.
 
     Args:
         push_index: row of its tones, of a HandPush.
     """
-    row = np.zeros(_NUM_COLUMNS)
-    row[_START], row[_END] = segment.start, segment.start + segment.duration
-    row[_WRENCH_BEGIN : _WRENCH_BEGIN + 6] = (*segment.moment, *segment.force)
-    row[_PUSH_PERIOD] = 1.0  # a divisor
+    entry["start"], entry["end"] = segment.start, segment.start + segment.duration
+    entry["wrench"] = (*segment.moment, *segment.force)
+    entry["push_period"] = 1.0
     if isinstance(segment, WrenchStep):
-        row[_KIND] = _STEP_SHAPE
+        entry["shape"] = _STEP_SHAPE
     elif isinstance(segment, WrenchRamp):
-        row[_KIND], row[_RISE] = _RAMP_SHAPE, segment.rise
+        entry["shape"], entry["rise"] = _RAMP_SHAPE, segment.rise
     elif isinstance(segment, WrenchSine):
-        row[_KIND] = _SINE_SHAPE
-        row[_FREQUENCY], row[_PHASE] = segment.frequency, segment.phase
+        entry["shape"] = _SINE_SHAPE
+        entry["frequency"], entry["phase"] = segment.frequency, segment.phase
     else:
-        row[_KIND], row[_FADE], row[_PUSH_INDEX] = _PUSH_SHAPE, segment.fade, push_index
-        row[_PUSH_LENGTH] = segment.each if segment.each > 0.0 else segment.duration
-        row[_PUSH_PERIOD] = row[_PUSH_LENGTH] + segment.pause
-    return row
+        length = segment.each if segment.each > 0.0 else segment.duration
+        entry["shape"], entry["fade"], entry["push_index"] = _PUSH_SHAPE, segment.fade, push_index
+        entry["push_length"], entry["push_period"] = length, length + segment.pause
 
 
 def _random_tones(push: HandPush, random: np.random.Generator) -> Array:

@@ -8,19 +8,19 @@
     DONE      at rest above the workpiece
     RETREAT   instead of all that: out along the normal, fast; then DONE. Its reason is the fault
 
-The state is one (7,) array, so that a controller of any kind can hold it, and the numbers of a
+The state is one record, so that a controller of any kind can hold it, and the numbers of a
 PhasesConfig are one as well (`table`), for the kernels. All times are of the controller; the force
 is that of its force feedback, positive out of the surface.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Record, record, record_type
 from wrenchsight.models.numerics.kernel import kernel
 
 
@@ -52,17 +52,19 @@ FAULT_SENTENCES = {
     Fault.JOINT_LIMIT: "a joint came to its limit",
     Fault.NOTHING_TOUCHED: "the approach met nothing",
 }
-# Entries of the state; `advance` says more.
-(
-    PHASE,  # of Phase
-    SINCE,  # s, when it began
-    FAULT,  # of Fault
-    BASELINE,  # N, of the force in free motion
-    ABOVE,  # s, for which the force has been above touch_force
-    LOST,  # s, for which it has been lost
-    FORCE_THERE,  # N above the baseline, from which the touch goes up
-    STATE_SIZE,
-) = range(8)
+PHASE_STATE_TYPE = record_type(
+    phase=(), since=(), fault=(), baseline=(), above=(), lost=(), force_there=()
+)
+"""The state of a pass.
+
+    phase        a Phase
+    since        s, when it began
+    fault        a Fault
+    baseline     N, of the force in free motion
+    above        s, for which the force has been above touch_force
+    lost         s, for which it has been below lost_share of the set-point
+    force_there  N above the baseline, from which the touch goes up
+"""
 RAMP_TIME = 0.15  # s, in which an approach or a lift reaches its speed
 # factor of the force limit: at rest an estimate errs by stiction, tens of newtons
 _UNTRUSTED_FORCE_RATIO = 3.0
@@ -106,29 +108,9 @@ class PhasesConfig:
     """rad or m, from a joint's limit"""
 
     @property
-    def table(self) -> Array:
-        """(15,) the numbers in their order: what the kernels read."""
-        return np.array(astuple(self), dtype=np.float64)
-
-
-# Entries of PhasesConfig.table: its fields in their order, which say units and meaning.
-(
-    _STANDOFF,
-    _APPROACH_SPEED,
-    _SEARCH,
-    _TOUCH_FORCE,
-    _TOUCH_TIME,
-    _RISE,
-    _SETTLE,
-    _RELEASE,
-    _RELEASE_FORCE,
-    _LIFT,
-    _LIFT_SPEED,
-    _LOST_SHARE,
-    _LOST_TIME,
-    _MAX_FORCE,
-    _JOINT_MARGIN,
-) = range(15)
+    def constants(self) -> Record:
+        """(1,) these numbers under their names, as kernels read them."""
+        return record(**vars(self))
 
 
 def check_phases(config: PhasesConfig, source: str) -> None:
@@ -145,9 +127,9 @@ def check_phases(config: PhasesConfig, source: str) -> None:
         )
 
 
-def initial_state() -> Array:
-    """The state (7,) at the start of the approach."""
-    return np.zeros(STATE_SIZE)
+def initial_state() -> Record:
+    """(1,) of PHASE_STATE_TYPE at the start of the approach."""
+    return np.zeros(1, PHASE_STATE_TYPE)
 
 
 @kernel
@@ -183,57 +165,57 @@ def travel_time(speed: float, distance: float) -> float:
 
 
 @kernel
-def outward_travel(table: Array, state: Array, t: float) -> tuple[float, float]:
+def outward_travel(phases: Record, state: Record, t: float) -> tuple[float, float]:
     """How far (m) and how fast (m/s) out of the surface, where force is not controlled.
 
     Args:
-        table: table of PhasesConfig.
+        phases: PhasesConfig.constants.
     """
-    phase, since = int(state[PHASE]), t - state[SINCE]
+    phase, since = int(state[0].phase), t - state[0].since
     if phase == Phase.APPROACH:
         distance, speed = travelled(
-            since, table[_APPROACH_SPEED], table[_STANDOFF] + table[_SEARCH]
+            since, phases[0].approach_speed, phases[0].standoff + phases[0].search
         )
         return -distance, -speed
     if phase == Phase.LIFT:
-        return travelled(since, table[_LIFT_SPEED], table[_LIFT])
+        return travelled(since, phases[0].lift_speed, phases[0].lift)
     if phase == Phase.RETREAT:
-        return travelled(since, _RETREAT_SPEED_RATIO * table[_LIFT_SPEED], table[_LIFT])
-    return table[_LIFT], 0.0
+        return travelled(since, _RETREAT_SPEED_RATIO * phases[0].lift_speed, phases[0].lift)
+    return phases[0].lift, 0.0
 
 
 @kernel
-def work_time(state: Array, t: float, duration: float) -> float:
+def work_time(state: Record, t: float, duration: float) -> float:
     """Seconds since the feed started: 0 before, the whole `duration` (s) after."""
-    phase = int(state[PHASE])
+    phase = int(state[0].phase)
     if phase == Phase.WORK:
-        return float(min(t - state[SINCE], duration))
+        return float(min(t - state[0].since, duration))
     return 0.0 if phase <= Phase.TOUCH else duration
 
 
 @kernel
 def setpoint(
-    table: Array, state: Array, t: float, at_start: float, at_place: float, at_end: float
+    phases: Record, state: Record, t: float, at_start: float, at_place: float, at_end: float
 ) -> float:
     """The set-point of the normal force, N; in the approach the force that is read.
 
     Args:
-        table: table of PhasesConfig.
+        phases: PhasesConfig.constants.
         at_start, at_place, at_end: N, of the path: at its start, at this place, at its end.
     """
-    phase, since = int(state[PHASE]), t - state[SINCE]
+    phase, since = int(state[0].phase), t - state[0].since
     if phase == Phase.APPROACH:
-        return float(state[FORCE_THERE])
+        return float(state[0].force_there)
     if phase == Phase.TOUCH:
-        share = min(1.0, since / table[_RISE])
+        share = min(1.0, since / phases[0].rise)
         share = share * share * (3.0 - 2.0 * share)
-        start = min(state[FORCE_THERE], at_start)
+        start = min(state[0].force_there, at_start)
         return float(start + share * (at_start - start))
     if phase == Phase.WORK:
         return at_place
     if phase == Phase.RELEASE:
-        share = min(1.0, since / table[_RELEASE])
-        return float(at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end))
+        share = min(1.0, since / phases[0].release)
+        return float(at_end + share * (min(phases[0].release_force, at_end) - at_end))
     return 0.0
 
 
@@ -261,80 +243,78 @@ class PhaseInputs(NamedTuple):
 
 
 @kernel
-def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
+def advance(phases: Record, inputs: PhaseInputs, state: Record) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     APPROACH, TOUCH, WORK, RELEASE and LIFT follow one another, then DONE; a fault leads from any of
-    the first four to RETREAT. At most one change is made a tick. A change writes PHASE and
-    SINCE, and sets ABOVE and LOST to 0.
+    the first four to RETREAT. At most one change is made a tick. A change writes
+    phase and since, and sets above and lost to 0.
 
     Args:
-        table: table of PhasesConfig.
+        phases: PhasesConfig.constants.
         inputs: of the tick.
-        state: (7,), changed. PHASE and SINCE, s, when it began; FAULT; BASELINE, N, of the force in
-            free motion; ABOVE and LOST, s, for how long the force has been above touch_force and
-            below lost_share of the set-point; FORCE_THERE, N, above the baseline, from which the
-            touch goes up.
+        state: (1,) of PHASE_STATE_TYPE, changed.
     """
-    time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs
-    phase = int(state[PHASE])
-    since = t - state[SINCE]
+    time_step, t, force, is_trusted = inputs.time_step, inputs.t, inputs.force, inputs.is_trusted
+    phase = int(state[0].phase)
+    since = t - state[0].since
     if phase == Phase.DONE:
         return False
     if phase in (Phase.LIFT, Phase.RETREAT):
-        speed = table[_LIFT_SPEED] * (_RETREAT_SPEED_RATIO if phase == Phase.RETREAT else 1.0)
-        if since < travel_time(speed, table[_LIFT]):
+        speed = phases[0].lift_speed * (_RETREAT_SPEED_RATIO if phase == Phase.RETREAT else 1.0)
+        if since < travel_time(speed, phases[0].lift):
             return False
         return _enter(state, Phase.DONE.value, t)
-    bound = table[_MAX_FORCE] * (1.0 if is_trusted else _UNTRUSTED_FORCE_RATIO)
+    bound = phases[0].max_force * (1.0 if is_trusted else _UNTRUSTED_FORCE_RATIO)
     if not force <= bound:  # true for NaN as well
         return _retreat(state, Fault.OVER_FORCE.value, t)
-    if joint_room < table[_JOINT_MARGIN]:
+    if inputs.joint_room < phases[0].joint_margin:
         return _retreat(state, Fault.JOINT_LIMIT.value, t)
     if phase == Phase.APPROACH:
         # The reading in free motion is not contact: an estimate jumps by the friction of joints
         # that start to move. The baseline follows it fast before contact is possible, and slowly
         # afterwards (is_near), as contact rises faster. The surface may lie SEARCH nearer than the
         # task states, which is STANDOFF from the start, or SEARCH farther.
-        rise = force - state[BASELINE]
-        whole_way = table[_STANDOFF] + table[_SEARCH]
-        travelled_way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]
-        is_near = travelled_way >= table[_STANDOFF] - table[_SEARCH]
-        is_touching = is_near and rise > table[_TOUCH_FORCE]
-        state[ABOVE] = state[ABOVE] + time_step if is_touching else 0.0
-        state[BASELINE] += time_step / _BASELINE_TIME[int(is_near)] * rise
-        state[FORCE_THERE] = max(0.0, force - state[BASELINE])  # above the baseline of this tick
-        if state[ABOVE] >= table[_TOUCH_TIME]:
+        rise = force - state[0].baseline
+        whole_way = phases[0].standoff + phases[0].search
+        travelled_way = travelled(since, phases[0].approach_speed, whole_way)[0]
+        is_near = travelled_way >= phases[0].standoff - phases[0].search
+        is_touching = is_near and rise > phases[0].touch_force
+        state[0].above = state[0].above + time_step if is_touching else 0.0
+        state[0].baseline += time_step / _BASELINE_TIME[int(is_near)] * rise
+        state[0].force_there = max(0.0, force - state[0].baseline)  # of this tick
+        if state[0].above >= phases[0].touch_time:
             return _enter(state, Phase.TOUCH.value, t)
-        if since >= travel_time(table[_APPROACH_SPEED], whole_way):
+        if since >= travel_time(phases[0].approach_speed, whole_way):
             return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
     # While the force comes up there is no contact to lose, nor while it goes down.
-    is_in_contact = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
-    is_lost = is_in_contact and is_trusted and force < table[_LOST_SHARE] * setpoint_now
-    state[LOST] = state[LOST] + time_step if is_lost else 0.0
-    if state[LOST] >= table[_LOST_TIME]:
+    is_in_contact = phase == Phase.WORK or (phase == Phase.TOUCH and since > phases[0].rise)
+    is_lost = is_in_contact and is_trusted and force < phases[0].lost_share * inputs.setpoint
+    state[0].lost = state[0].lost + time_step if is_lost else 0.0
+    if state[0].lost >= phases[0].lost_time:
         return _retreat(state, Fault.CONTACT_LOST.value, t)
     if phase == Phase.TOUCH:
-        duration = table[_RISE] + table[_SETTLE]
+        duration = phases[0].rise + phases[0].settle
     elif phase == Phase.WORK:
-        duration = work_duration
+        duration = inputs.work_duration
     else:
-        duration = table[_RELEASE]
+        duration = phases[0].release
     if since >= duration:
         return _enter(state, phase + 1, t)
     return False
 
 
 @kernel
-def _enter(state: Array, phase: int, t: float) -> bool:
+def _enter(state: Record, phase: int, t: float) -> bool:
     """Begins a phase at time t, s; returns True: the phase has changed."""
-    state[PHASE], state[SINCE], state[ABOVE], state[LOST] = phase, t, 0.0, 0.0
+    state[0].phase, state[0].since = phase, t
+    state[0].above = state[0].lost = 0.0
     return True
 
 
 @kernel
-def _retreat(state: Array, fault: int, t: float) -> bool:
+def _retreat(state: Record, fault: int, t: float) -> bool:
     """Begins a retreat for a Fault; returns True as `_enter`."""
-    state[FAULT] = fault
+    state[0].fault = fault
     return _enter(state, Phase.RETREAT.value, t)

@@ -42,25 +42,52 @@ from wrenchsight.models.machining.process_variations import (
     vary,
 )
 from wrenchsight.models.machining.tool_vibration import vibration_shares
-from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Record, record, record_type
+from wrenchsight.models.numerics.kernel import in_kernels, kernel
+from wrenchsight.models.signals.tool_contact import NormalContact
 
 _REST_SPEED = 2e-3  # m/s, below which the direction of the feed fades
-# Entries of MachiningProcess.table, the configuration's numbers in their order.
-(
-    _RATIO,  # cutting_ratio
-    _EXPONENT,  # speed_exponent
-    _REFERENCE,  # reference_speed, m/s
-    _LAG,  # s
-    _OMEGA,  # omega of the spindle, rad/s
-    _UNBALANCE,  # kg m
-    _VIBRATION,  # m/s
-) = range(7)
+PROCESS_TYPE = record_type(
+    cutting_ratio=(),
+    speed_exponent=(),
+    reference_speed=(),
+    lag=(),
+    omega=(),
+    unbalance=(),
+    vibration=(),
+)
+"""The constants of a process: those of ProcessConfig, and `omega` of its spindle, rad/s."""
+_MIN_STATE_SIZE = 10  # of `process_parts` without the memory of chatter
 
-PROCESS_STATE_SIZE = 10  # the memory of chatter follows behind
-NORMAL_FORCE, NORMAL, FEED, FORCE = 0, slice(1, 4), slice(4, 7), slice(7, 10)
-"""Entries of the state of a process: N, the surface's normal in W, the lagged feed in m/s, and the
-force on the tool besides contact, N in W."""
+
+class ProcessState(NamedTuple):
+    """The state of a process.
+
+    Attributes:
+        normal_force: (1,) N.
+        normal: (3,) unit normal of the surface, in W; of the last contact.
+        feed: (3,) m/s, lagged, in W.
+        force: (3,) N, on the tool besides contact, in W.
+        chatter: (memory_size,) of ProcessVariations.
+    """
+
+    normal_force: Array
+    normal: Array
+    feed: Array
+    force: Array
+    chatter: Array
+
+
+@in_kernels
+def process_parts(state: Array) -> ProcessState:
+    """The parts of a flat state, as views."""
+    return ProcessState(
+        normal_force=state[:1],
+        normal=state[1:4],
+        feed=state[4:7],
+        force=state[7:_MIN_STATE_SIZE],
+        chatter=state[_MIN_STATE_SIZE:],
+    )
 
 
 @dataclass
@@ -88,7 +115,7 @@ class MachiningProcess:
     """The law of this module for one set of parameters.
 
     Attributes:
-        table: (7,) constants for `cutting_force`, `add_unbalance_force` and `joint_vibration`.
+        constants: (1,) of PROCESS_TYPE, for the kernels of this module.
         variations: None where the process is steady.
 
     Args:
@@ -125,16 +152,14 @@ class MachiningProcess:
             if not low <= value <= high:
                 raise InputError(source, name, f"{value:g}, expected {low:g} to {high:g}")
         self.config = config
-        self.table = np.array(  # in the order of _RATIO to _VIBRATION
-            [
-                config.cutting_ratio,
-                config.speed_exponent,
-                config.reference_speed,
-                config.lag,
-                2.0 * math.pi * config.spindle_frequency,
-                config.unbalance,
-                config.vibration,
-            ]
+        self.constants = record(
+            cutting_ratio=config.cutting_ratio,
+            speed_exponent=config.speed_exponent,
+            reference_speed=config.reference_speed,
+            lag=config.lag,
+            omega=2.0 * math.pi * config.spindle_frequency,
+            unbalance=config.unbalance,
+            vibration=config.vibration,
         )
         place = f"{source}.variations"
         check_variations(config.variations, config.spindle_frequency, time_step, place)
@@ -146,9 +171,9 @@ class MachiningProcess:
 
     @property
     def initial_state(self) -> Array:
-        """(PROCESS_STATE_SIZE + ...,) before the first contact."""
+        """The flat state before the first contact, of `process_parts`."""
         memory = 0 if self.variations is None else self.variations.memory_size
-        return np.zeros(PROCESS_STATE_SIZE + memory)
+        return np.zeros(_MIN_STATE_SIZE + memory)
 
 
 class ProcessTick(NamedTuple):
@@ -157,35 +182,36 @@ class ProcessTick(NamedTuple):
     Attributes:
         t: s, at the tick's start; the force acts from its end.
         time_step: s.
-        contact: (4,) normal force, N, and normal of the surface, zero without contact.
+        pressed: normal force, and normal of the surface, zero without contact.
         V_WE: (6,) of the tool, rotation first.
         p_WE: (3,) m, place of the tool.
     """
 
     t: float
     time_step: float
-    contact: Array
+    pressed: NormalContact
     V_WE: Array
     p_WE: Array
 
 
 @kernel
-def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) -> None:
+def cutting_force(process: Record, normal_force: float, feed: Array, force: Array) -> None:
     """Writes the force (3,) N of the workpiece on the tool, against the feed.
 
     Args:
-        table: table of MachiningProcess.
+        process: MachiningProcess.constants.
         normal_force: N, between tool and workpiece.
         feed: (3,) m/s, tangential velocity of the tool, lagged.
     """
     speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST_SPEED * _REST_SPEED)
-    size = table[_RATIO] * normal_force * (speed / table[_REFERENCE]) ** table[_EXPONENT]
+    law = process[0]
+    size = law.cutting_ratio * normal_force * (speed / law.reference_speed) ** law.speed_exponent
     for i in range(3):
         force[i] = -size * feed[i] / speed
 
 
 @kernel
-def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array) -> None:
+def advance_feed(process: Record, time_step: float, n: Array, v: Array, feed: Array) -> None:
     """Moves the lagged feed (3,) on by a tick, in place.
 
     Args:
@@ -193,7 +219,7 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
         n: (3,) unit normal of the surface.
         v: (3,) m/s, velocity of the tool over the workpiece.
     """
-    share = 1.0 - math.exp(-time_step / table[_LAG])
+    share = 1.0 - math.exp(-time_step / process[0].lag)
     along = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
     for i in range(3):
         feed[i] += share * (v[i] - along * n[i] - feed[i])
@@ -205,65 +231,71 @@ def advance_feed(table: Array, time_step: float, n: Array, v: Array, feed: Array
 
 @kernel
 def advance_process(
-    table: Array, time_step: float, contact: Array, V_WE: Array, state: Array
+    process: Record, time_step: float, pressed: NormalContact, V_WE: Array, state: Array
 ) -> None:
     """Moves the state of a steady process on by a tick; without contact the normal stays.
 
     Args:
         time_step: s.
-        contact: (4,) normal force, N, and normal of the surface, zero without contact.
+        pressed: normal force, and normal of the surface, zero without contact.
         V_WE: (6,) of the tool, rotation first.
-        state: changed.
+        state: flat, of `process_parts`, changed.
     """
-    state[NORMAL_FORCE], normal = contact[0], contact[1:]
-    if np.any(normal != 0.0):
-        state[NORMAL] = normal
-    advance_feed(table, time_step, state[NORMAL], V_WE[3:], state[FEED])
-    cutting_force(table, state[NORMAL_FORCE], state[FEED], state[FORCE])
+    parts = process_parts(state)
+    parts.normal_force[:] = pressed.force
+    if np.any(pressed.normal != 0.0):
+        parts.normal[:] = pressed.normal
+    advance_feed(process, time_step, parts.normal, V_WE[3:], parts.feed)
+    cutting_force(process, parts.normal_force[0], parts.feed, parts.force)
 
 
 @kernel
 def advance_varying_process(
-    table: Array, variations: VariationTables, tick: ProcessTick, state: Array
+    process: Record, variations: VariationTables, tick: ProcessTick, state: Array
 ) -> None:
     """Moves the state of a varying process on by a tick, as `advance_process`.
 
     Args:
         variations: variations of ProcessVariations.
-        state: changed.
+        state: flat, of `process_parts`, changed.
     """
-    advance_process(table, tick.time_step, tick.contact, tick.V_WE, state)
-    feed = state[FEED]
+    advance_process(process, tick.time_step, tick.pressed, tick.V_WE, state)
+    parts = process_parts(state)
+    feed = parts.feed
     speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST_SPEED * _REST_SPEED)
     sample = CuttingSample(
-        tick.t + tick.time_step, state[NORMAL_FORCE], state[NORMAL], feed / speed, tick.p_WE
+        t=tick.t + tick.time_step,
+        normal_force=parts.normal_force[0],
+        normal=parts.normal,
+        direction=feed / speed,
+        p_WE=tick.p_WE,
     )
-    vary(variations, sample, state[PROCESS_STATE_SIZE:], state[FORCE])
+    vary(variations, sample, parts.chatter, parts.force)
 
 
 @kernel
-def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> None:
+def add_unbalance_force(process: Record, t: float, R_WE: Array, force: Array) -> None:
     """Adds to `force` (3,) N, axes of W, that of a spindle along E's z which turns evenly."""
-    size = table[_UNBALANCE] * table[_OMEGA] ** 2
-    c, s = size * math.cos(table[_OMEGA] * t), size * math.sin(table[_OMEGA] * t)
+    size = process[0].unbalance * process[0].omega ** 2
+    c, s = size * math.cos(process[0].omega * t), size * math.sin(process[0].omega * t)
     for i in range(3):
         force[i] += c * R_WE[i, 0] + s * R_WE[i, 1]
 
 
 @kernel
 def joint_vibration(
-    table: Array, M: Array, J: Array, normal_force: float, normal: Array, out: Array
+    process: Record, M: Array, J: Array, normal_force: float, normal: Array, out: Array
 ) -> None:
     """Writes the amplitudes (n,) rad/s of the joints' velocity by a tool that vibrates; 0: none.
 
     Args:
-        table: table of MachiningProcess.
+        process: MachiningProcess.constants.
         M: (n, n) kg m^2.
         J: (6, n) at E, axes of W, rotation first.
         normal_force: N; without it nothing vibrates.
         normal: (3,) unit normal of the surface, W.
     """
     out[:] = 0.0
-    if table[_VIBRATION] > 0.0 and normal_force > 0.0:
+    if process[0].vibration > 0.0 and normal_force > 0.0:
         vibration_shares(M, J, normal, out)
-        out *= table[_VIBRATION]
+        out *= process[0].vibration

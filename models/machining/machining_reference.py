@@ -11,8 +11,6 @@ import numpy as np
 
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import (
-    FAULT,
-    PHASE,
     Phase,
     PhaseInputs,
     PhasesConfig,
@@ -50,7 +48,7 @@ class PassPlan(NamedTuple):
     """Constants of a pass, for the kernels of this module; made by `plan_pass`.
 
     Attributes:
-        phases: table of PhasesConfig.
+        phases: PhasesConfig.constants.
         chain: table of SerialChain, of the model.
         limits: (2, n) rad, lower and upper, of the joints.
         t, q, v, vdot: the planned JointTrajectory, (T,) s evenly spaced and (T, n).
@@ -64,7 +62,7 @@ class PassPlan(NamedTuple):
         time_step: s.
     """
 
-    phases: Array
+    phases: Record
     chain: Array
     limits: Array
     t: Array
@@ -83,12 +81,12 @@ class PassMemory(NamedTuple):
     """The memory of a pass, changed in place from tick to tick.
 
     Attributes:
-        state: (7,) of wrenchsight.models.machining.machining_phases.
+        state: (1,) of PHASE_STATE_TYPE.
         R_anchor, p_anchor: (3, 3) and (3,) m, pose of D in W from which it moves off the path.
         outward: (3,) unit vector in W along which it does, out of the surface.
     """
 
-    state: Array
+    state: Record
     R_anchor: Array
     p_anchor: Array
     outward: Array
@@ -138,7 +136,7 @@ def plan_pass(
     """
     motion = path.trajectory
     return PassPlan(
-        phases=config.table,
+        phases=config.constants,
         chain=np.ascontiguousarray(chain.table),
         limits=np.array([robot.position_lower, robot.position_upper]),
         t=motion.t,
@@ -191,7 +189,7 @@ def machining_reference(
     desired = desired_pose(pose)
     R_WD, p_WD, V_WD = desired.R_WD, desired.p_WD, desired.V_WD
     q_d, v_d, vdot_d = reference[0], reference[1], reference[2]
-    n, phase = reference.shape[1], int(state[PHASE])
+    n, phase = reference.shape[1], int(state[0].phase)
     is_force_controlled = force_controlled(phase)
     path_time = work_time(state, t, plan.t[-1] - plan.t[0])
     if is_force_controlled:
@@ -222,8 +220,8 @@ def machining_reference(
     return PassProgress(
         force_setpoint=_setpoint_now(plan, state, t),
         force_active=1.0 if is_force_controlled else 0.0,
-        phase=state[PHASE],
-        fault=state[FAULT],
+        phase=state[0].phase,
+        fault=state[0].fault,
         progress=_on_path(plan.t, plan.place, path_time),
         feed_time=path_time if phase == Phase.WORK else -1.0,
         feedback_valid=1.0 if _is_trusted(plan, state, t) else 0.0,
@@ -263,7 +261,7 @@ def advance_reference(
         is_trusted=_is_trusted(plan, state, t),
     )
     has_changed = advance(plan.phases, inputs, state)
-    phase = int(state[PHASE])
+    phase = int(state[0].phase)
     if has_changed and phase in (Phase.LIFT, Phase.RETREAT):
         memory.R_anchor[:], memory.p_anchor[:] = R_WE, p_WE
         for i in range(3):
@@ -271,16 +269,16 @@ def advance_reference(
 
 
 @kernel
-def _is_trusted(plan: PassPlan, state: Array, t: float) -> bool:
+def _is_trusted(plan: PassPlan, state: Record, t: float) -> bool:
     """Whether the force feedback can be used now."""
     if plan.reads_at_rest:
         return True
     path_time = work_time(state, t, plan.t[-1] - plan.t[0])
-    return int(state[PHASE]) == Phase.WORK and _on_path(plan.t, plan.trusted, path_time) == 1.0
+    return int(state[0].phase) == Phase.WORK and _on_path(plan.t, plan.trusted, path_time) == 1.0
 
 
 @kernel
-def _setpoint_now(plan: PassPlan, state: Array, t: float) -> float:
+def _setpoint_now(plan: PassPlan, state: Record, t: float) -> float:
     """The set-point of the normal force at time t, N."""
     at_place = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
     return setpoint(plan.phases, state, t, plan.force[0], at_place, plan.force[-1])

@@ -49,29 +49,15 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record, record_type
 from wrenchsight.models.numerics.kernel import kernel
 
 NUM_WAVES = 24  # of a field
 
-# Entries of ProcessVariations.table.
-(
-    _STIFFNESS,  # c, N / m^p
-    _EXPONENT,  # p
-    _FRICTION,  # coefficient, of the simulator's contact
-    _SPREAD,  # s, sd of the logarithm of the material's factor
-    _RUN_OUT,  # a, m
-    _OMEGA,  # omega of the spindle, rad/s
-    _ZONE,  # m, radius of the tool's contact zone
-    _MARGIN,  # m, from the path's ends to the stock
-    _CHATTER,  # r
-    _OVERLAP,  # m of two turns
-    _SLOW,  # gain per tick of the low-pass that takes the slow motion
-    _TURN,  # T, ticks
-) = range(12)
+WAVE_TYPE = record_type(wave_x=(), wave_y=(), phase=(), amplitude=())
+"""A plane wave amplitude cos(wave_x x + wave_y y + phase): 1/m, 1/m, rad, unit of its field."""
 # Entries of the memory of `regenerated`: the trace goes on to its end.
 _SLOWLY, _FILLED, _NEXT, _TRACE = range(4)
-_ORIGIN_ROW = 3  # row of a pose (4, 3): p_WP below R_WP
 
 
 @dataclass
@@ -163,19 +149,58 @@ class WorkpieceContact:
     ends: Array
 
 
+VARIATION_TYPE = record_type(
+    stiffness=(),
+    exponent=(),
+    friction=(),
+    R_WP=(3, 3),
+    p_WP=(3,),
+    ends=(2, 3),
+    spread=(),
+    run_out=(),
+    omega=(),
+    zone=(),
+    margin=(),
+    chatter_ratio=(),
+    overlap=(),
+    slow_gain=(),
+    turn_ticks=(),
+)
+"""The constants of ProcessVariations but its waves.
+
+    stiffness, exponent, friction, R_WP, p_WP, ends  of WorkpieceContact
+    spread         sd of the logarithm of the material's factor
+    run_out        m
+    omega          rad/s, of the spindle
+    zone           m, radius of the tool's contact zone
+    margin         m, from the path's ends to the stock
+    chatter_ratio  of ChatterConfig
+    overlap        of ChatterConfig
+    slow_gain      per tick, of the low-pass that takes the tool's slow motion
+    turn_ticks     ticks of a turn of the spindle
+"""
+
+
 class VariationTables(NamedTuple):
     """The constants of a ProcessVariations, as the kernels read them.
 
     Attributes:
-        constants: ProcessVariations.table.
-        waviness, patches, pose, ends: of ProcessVariations.
+        constants: (1,) of VARIATION_TYPE.
+        waviness, patches: (NUM_WAVES,) of WAVE_TYPE: height of the surface, m; logarithm of the
+            material's factor over its sd.
     """
 
-    constants: Array
-    waviness: Array
-    patches: Array
-    pose: Array
-    ends: Array
+    constants: Record
+    waviness: Record
+    patches: Record
+
+
+NO_VARIATIONS = VariationTables(
+    constants=np.zeros(0, VARIATION_TYPE),
+    waviness=np.zeros(0, WAVE_TYPE),
+    patches=np.zeros(0, WAVE_TYPE),
+)
+"""Of a steady process."""
 
 
 class CuttingSample(NamedTuple):
@@ -200,10 +225,7 @@ class ProcessVariations:
     """The law of this module for one workpiece.
 
     Attributes:
-        table: (12,) constants for the kernels.
-        waviness, patches: (NUM_WAVES, 4) plane waves: wave vector 1/m (2), phase, amplitude.
-        pose: (4, 3) rows of R_WP, then p_WP.
-        ends: (2, 3) m.
+        tables: constants, for `vary`.
         memory_size: numbers that chatter remembers.
 
     Args:
@@ -242,35 +264,37 @@ class ProcessVariations:
         ticks_per_turn = 0.0  # not read without chatter; the spindle may then stand
         if chatter.ratio > 0.0:
             ticks_per_turn = 1.0 / (spindle_frequency * time_step)
-        table = np.empty(_TURN + 1)  # _TURN is the last entry
-        table[_STIFFNESS], table[_EXPONENT] = contact.stiffness, contact.exponent
-        table[_FRICTION], table[_SPREAD] = contact.friction, config.patches.spread
-        table[_RUN_OUT] = config.run_out.amplitude
-        table[_OMEGA] = 2.0 * math.pi * spindle_frequency
-        table[_ZONE], table[_MARGIN] = config.engagement.zone, config.engagement.margin
-        table[_CHATTER], table[_OVERLAP] = chatter.ratio, chatter.overlap
-        # Gain per tick of the low-pass that takes the slow motion.
-        table[_SLOW] = -math.expm1(-2.0 * math.pi * chatter.corner * time_step)
-        table[_TURN] = ticks_per_turn
-        self.table = table
+        constants = record(
+            stiffness=contact.stiffness,
+            exponent=contact.exponent,
+            friction=contact.friction,
+            R_WP=contact.R_WP,
+            p_WP=contact.p_WP,
+            ends=contact.ends,
+            spread=config.patches.spread,
+            run_out=config.run_out.amplitude,
+            omega=2.0 * math.pi * spindle_frequency,
+            zone=config.engagement.zone,
+            margin=config.engagement.margin,
+            chatter_ratio=chatter.ratio,
+            overlap=chatter.overlap,
+            slow_gain=-math.expm1(-2.0 * math.pi * chatter.corner * time_step),
+            turn_ticks=ticks_per_turn,
+        )
         # Surface and material have random numbers of their own: one keeps its when the other's
         # settings change.
         surface, material = np.random.SeedSequence(config.seed).spawn(2)
         waviness, patches = config.waviness, config.patches
-        self.waviness = plane_waves(surface, waviness.height, waviness.shortest, waviness.longest)
-        # Of unit variance: `vary` multiplies them by the spread.
-        self.patches = plane_waves(material, 1.0, patches.shortest, patches.longest)
-        self.pose = np.vstack([contact.R_WP, contact.p_WP])
-        self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
+        self.tables = VariationTables(
+            constants=constants,
+            waviness=plane_waves(surface, waviness.height, waviness.shortest, waviness.longest),
+            # Of unit variance: `vary` multiplies them by the spread.
+            patches=plane_waves(material, 1.0, patches.shortest, patches.longest),
+        )
         self.memory_size = 0
         if chatter.ratio > 0.0:
             # From this tick back to the last one before a turn, see `regenerated`.
             self.memory_size = _TRACE + math.floor(ticks_per_turn) + 1
-
-    @property
-    def tables(self) -> VariationTables:
-        """The constants for `vary`."""
-        return VariationTables(self.table, self.waviness, self.patches, self.pose, self.ends)
 
 
 def check_variations(
@@ -322,8 +346,10 @@ def check_variations(
         )
 
 
-def plane_waves(seed: np.random.SeedSequence, rms: float, shortest: float, longest: float) -> Array:
-    """(NUM_WAVES, 4) waves whose sum has the root mean square `rms` over the plane.
+def plane_waves(
+    seed: np.random.SeedSequence, rms: float, shortest: float, longest: float
+) -> Record:
+    """(NUM_WAVES,) of WAVE_TYPE, whose sum has the root mean square `rms` over the plane.
 
     Args:
         seed: seed of directions and phases, and of the lengths within their shares of the band.
@@ -334,8 +360,10 @@ def plane_waves(seed: np.random.SeedSequence, rms: float, shortest: float, longe
     place = (np.arange(NUM_WAVES) + rng.uniform(size=NUM_WAVES)) / NUM_WAVES
     number = 2.0 * np.pi / (shortest * (longest / shortest) ** place)
     turn, phase = rng.uniform(0.0, 2.0 * np.pi, (2, NUM_WAVES))
-    amplitude = np.full(NUM_WAVES, rms * math.sqrt(2.0 / NUM_WAVES))
-    return np.column_stack([number * np.cos(turn), number * np.sin(turn), phase, amplitude])
+    waves = np.zeros(NUM_WAVES, WAVE_TYPE)
+    waves["wave_x"], waves["wave_y"] = number * np.cos(turn), number * np.sin(turn)
+    waves["phase"], waves["amplitude"] = phase, rms * math.sqrt(2.0 / NUM_WAVES)
+    return waves
 
 
 def chatter_limit(damping_ratio: float) -> float:
@@ -348,15 +376,16 @@ def chatter_limit(damping_ratio: float) -> float:
 
 
 @kernel
-def field_at(waves: Array, x: float, y: float) -> tuple[float, float, float]:
+def field_at(waves: Record, x: float, y: float) -> tuple[float, float, float]:
     """A sum of plane waves at x, y (m), and its derivatives in both."""
     value, along_x, along_y = 0.0, 0.0, 0.0
     for k in range(waves.shape[0]):
-        angle = waves[k, 0] * x + waves[k, 1] * y + waves[k, 2]
-        slope = -waves[k, 3] * math.sin(angle)
-        value += waves[k, 3] * math.cos(angle)
-        along_x += slope * waves[k, 0]
-        along_y += slope * waves[k, 1]
+        wave = waves[k]
+        angle = wave.wave_x * x + wave.wave_y * y + wave.phase
+        slope = -wave.amplitude * math.sin(angle)
+        value += wave.amplitude * math.cos(angle)
+        along_x += slope * wave.wave_x
+        along_y += slope * wave.wave_y
     return value, along_x, along_y
 
 
@@ -388,8 +417,13 @@ def share_over_edge(distance: float, radius: float) -> float:
 
 
 @kernel
-def engagement(table: Array, ends: Array, p: Array) -> float:
-    """Share of the contact zone, its centre at p (3,) m, over stock: 0 to 1."""
+def engagement(constants: Record, p: Array) -> float:
+    """Share of the contact zone, its centre at p (3,) m, over stock: 0 to 1.
+
+    Args:
+        constants: (1,) of VARIATION_TYPE.
+    """
+    ends = constants[0].ends
     length = 0.0
     for i in range(3):
         length += (ends[1, i] - ends[0, i]) ** 2
@@ -399,12 +433,12 @@ def engagement(table: Array, ends: Array, p: Array) -> float:
     along = 0.0
     for i in range(3):
         along += (p[i] - ends[0, i]) * (ends[1, i] - ends[0, i]) / length
-    room = min(along, length - along) - table[_MARGIN]
-    return float(share_over_edge(room, table[_ZONE]))
+    room = min(along, length - along) - constants[0].margin
+    return float(share_over_edge(room, constants[0].zone))
 
 
 @kernel
-def regenerated(table: Array, place: float, memory: Array) -> float:
+def regenerated(constants: Record, place: float, memory: Array) -> float:
     """Returns the height (m) that the last turn has left; stores the tool's place in the memory.
 
     Chatter: the tool's vibration one turn of the spindle ago has left waves, which it now meets.
@@ -415,7 +449,7 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     vibration(t - turn) is 0 until it has been stored.
 
     Args:
-        table: of ProcessVariations: gain of the low-pass, ticks of a turn, ratio and overlap.
+        constants: (1,) of VARIATION_TYPE.
         place: m, of the tool out of the surface, from any fixed origin.
         memory: (memory_size,), changed; zeros at the first contact, and again after it was lost.
             _SLOWLY: low-passed place, m; _FILLED: number of stored vibrations; _NEXT: where the
@@ -423,7 +457,7 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     """
     if memory[_FILLED] == 0.0:
         memory[_SLOWLY] = place
-    memory[_SLOWLY] += table[_SLOW] * (place - memory[_SLOWLY])
+    memory[_SLOWLY] += constants[0].slow_gain * (place - memory[_SLOWLY])
     vibration = place - memory[_SLOWLY]
     ring_size = len(memory) - _TRACE
     now = int(memory[_NEXT])
@@ -432,14 +466,14 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     memory[_FILLED] = min(memory[_FILLED] + 1.0, float(ring_size))
     # The force acts at the next tick. A turn before that lies between two stored ticks, once there
     # are so many. The vibration at the next tick is not known: the present one stands for it.
-    ticks_back = table[_TURN] - 1.0  # ticks before this one
+    ticks_back = constants[0].turn_ticks - 1.0  # ticks before this one
     whole_ticks = math.floor(ticks_back)
     last_turn = 0.0
     if ticks_back >= 0.0 and memory[_FILLED] > whole_ticks + 1:
         share = ticks_back - whole_ticks
         later = memory[_TRACE + (now - whole_ticks) % ring_size]
         last_turn = later + share * (memory[_TRACE + (now - whole_ticks - 1) % ring_size] - later)
-    return float(table[_CHATTER] * (table[_OVERLAP] * last_turn - vibration))
+    return float(constants[0].chatter_ratio * (constants[0].overlap * last_turn - vibration))
 
 
 @kernel
@@ -455,42 +489,40 @@ def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: A
     second and the third term are what it lacks. Without contact force and memory become 0.
 
     Args:
-        tables: tables of the process: numbers, waves of the surface (height, m) and of the material
-            (log of its factor), pose of the workpiece (R_WP and below it p_WP), ends of the path.
-        sample: time s, normal force N of the simulator's contact, normal n out of the surface,
-            direction of the tool's motion, and position of E in W, m.
+        tables: of ProcessVariations.
+        sample: the tool, and the simulator's contact.
         memory: (memory_size,), changed by `regenerated`; of chatter, empty without it.
         force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
             contact.
     """
-    table, waviness, patches, pose, ends = tables
-    t, normal_force, n, direction, p = sample
+    constants, R_WP, p_WP = tables.constants, tables.constants[0].R_WP, tables.constants[0].p_WP
+    normal_force, n, p = sample.normal_force, sample.normal, sample.p_WE
     if normal_force <= 0.0:
         memory[:] = 0.0
         force[:] = 0.0
         return
     x, y = 0.0, 0.0  # of the tool, in P
     for i in range(3):
-        x += (p[i] - pose[_ORIGIN_ROW, i]) * pose[i, 0]
-        y += (p[i] - pose[_ORIGIN_ROW, i]) * pose[i, 1]
-    height, slope_x, slope_y = field_at(waviness, x, y)
-    height += table[_RUN_OUT] * math.cos(table[_OMEGA] * t)
+        x += (p[i] - p_WP[i]) * R_WP[i, 0]
+        y += (p[i] - p_WP[i]) * R_WP[i, 1]
+    height, slope_x, slope_y = field_at(tables.waviness, x, y)
+    height += constants[0].run_out * math.cos(constants[0].omega * sample.t)
     if len(memory) > 0:
         place = p[0] * n[0] + p[1] * n[1] + p[2] * n[2]
-        height += regenerated(table, place, memory)  # stores what this turn leaves
-    push = pressed(table[_STIFFNESS], table[_EXPONENT], normal_force, height)
-    spread = table[_SPREAD]
-    factor = math.exp(spread * field_at(patches, x, y)[0] - 0.5 * spread * spread)
-    cutting = factor * engagement(table, ends, p) * push / normal_force
-    rubbing = table[_FRICTION] * (factor * push - normal_force)
+        height += regenerated(constants, place, memory)  # stores what this turn leaves
+    push = pressed(constants[0].stiffness, constants[0].exponent, normal_force, height)
+    spread = constants[0].spread
+    factor = math.exp(spread * field_at(tables.patches, x, y)[0] - 0.5 * spread * spread)
+    cutting = factor * engagement(constants, p) * push / normal_force
+    rubbing = constants[0].friction * (factor * push - normal_force)
     along = 0.0  # the slope's part along the normal; it is taken off, as grad h is tangential
     for i in range(3):
-        along += n[i] * (slope_x * pose[i, 0] + slope_y * pose[i, 1])
+        along += n[i] * (slope_x * R_WP[i, 0] + slope_y * R_WP[i, 1])
     for i in range(3):
-        slope = slope_x * pose[i, 0] + slope_y * pose[i, 1] - along * n[i]
+        slope = slope_x * R_WP[i, 0] + slope_y * R_WP[i, 1] - along * n[i]
         force[i] = (
             cutting * force[i]
-            - rubbing * direction[i]
+            - rubbing * sample.direction[i]
             + (push - normal_force) * n[i]
             - push * slope
         )

@@ -12,7 +12,7 @@ class StateLayout:
     """Where the arrays of a state stand in a vector: one after another, row by row.
 
     Args:
-        state: an array, or a NamedTuple of states.
+        state: an array, a record (1,) of float64 fields, or a NamedTuple of states.
 
     Attributes:
         initial: (size,) the numbers of that state.
@@ -20,22 +20,26 @@ class StateLayout:
 
     def __init__(self, state: Any) -> None:
         arrays = _arrays_of(state)
-        self.initial: Array = np.concatenate([np.ravel(array) for array in arrays])
-        ends = np.cumsum([array.size for array in arrays]).tolist()
+        numbers = [_numbers_of(array) for array in arrays]
+        self.initial: Array = np.concatenate(numbers)
+        ends = np.cumsum([part.size for part in numbers]).tolist()
         starts = [0, *ends[:-1]]
         slices = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
-        shapes = [array.shape for array in arrays]
-        self._parts = list(zip(slices, shapes, strict=True))
+        # Of a record its type, of an array with more than one axis its shape: how a part is viewed.
+        kinds: list[Any] = [_kind_of(array) for array in arrays]
+        self._parts = list(zip(slices, kinds, strict=True))
         is_flat = isinstance(state, tuple) and not any(isinstance(part, tuple) for part in state)
         self._made = cast(Any, type(state))._make if is_flat else _maker(state)
 
     def state_of(self, vector: Array) -> Any:
         """The state whose numbers stand in a vector (size,), as views of it."""
-        if self._made is next:  # of one array alone
-            return vector.reshape(self._parts[0][1])
         arrays = [
-            vector[part] if len(shape) == 1 else vector[part].reshape(shape)
-            for part, shape in self._parts
+            vector[part]
+            if kind is None
+            else vector[part].reshape(kind)
+            if type(kind) is tuple
+            else np.frombuffer(vector[part], kind)  # a fifth of the time that a view takes
+            for part, kind in self._parts
         ]
         return self._made(iter(arrays))
 
@@ -51,6 +55,18 @@ def _arrays_of(state: Any) -> list[Array]:
     if isinstance(state, tuple):
         return [array for part in state for array in _arrays_of(part)]
     return [state]
+
+
+def _numbers_of(array: Any) -> Array:
+    """The numbers of an array or record, one after another."""
+    return np.ravel(array) if array.dtype.names is None else np.array(array).view(np.float64)
+
+
+def _kind_of(array: Any) -> tuple[int, ...] | np.dtype[np.void] | None:
+    """How an array is viewed in a vector: the shape, or the type of a record; None: as it is."""
+    if array.dtype.names is not None:
+        return cast("np.dtype[np.void]", array.dtype)
+    return None if array.ndim == 1 else tuple(array.shape)
 
 
 def _maker(state: Any) -> Callable[[Any], Any]:

@@ -4,34 +4,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.signals.low_pass import low_pass_update
 
-# Rows of the table of constants, (_NUM_ROWS, 3).
-_MASS_ROW, _COM_ROW, _INERTIA_ROW, _GRAVITY_ROW, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
+TOOL_TYPE = record_type(mass=(), p_EC=(3,), I_C=(3, 3), gravity=(3,), R_EJ=(3, 3), p_EJ=(3,))
+"""The constants of a tool that E is fixed to, for `contact_wrench`.
 
-
-def tool_table(
-    mass: float, p_EC: Array, I_C: Array, gravity: Array, R_EJ: Array, p_EJ: Array
-) -> Array:
-    """Packs the constants of a tool that E is fixed to, for `contact_wrench`.
-
-    Args:
-        mass: kg.
-        p_EC: (3,) its centre of mass C from E, axes of E, m.
-        I_C: (3, 3) its rotational inertia about C, axes of E, kg m^2.
-        gravity: (3,) m/s^2, axes of W.
-        R_EJ, p_EJ: (3, 3), (3,) pose in E of the frame J at which the reaction is known.
-    """
-    table = np.zeros((_NUM_ROWS, 3))
-    table[_MASS_ROW, 0] = mass
-    table[_COM_ROW] = p_EC
-    table[_INERTIA_ROW : _INERTIA_ROW + 3] = I_C
-    table[_GRAVITY_ROW] = gravity
-    table[_P_EJ] = p_EJ
-    table[_R_EJ : _R_EJ + 3] = R_EJ
-    return table
+    mass        kg
+    p_EC        (3,) its centre of mass C from E, axes of E, m
+    I_C         (3, 3) its rotational inertia about C, axes of E, kg m^2
+    gravity     (3,) m/s^2, axes of W
+    R_EJ, p_EJ  (3, 3), (3,) m, pose in E of the frame J at which the reaction is known
+"""
 
 
 @kernel
@@ -84,7 +70,7 @@ def tool_acceleration(J: Array, v: Array, vdot: Array, out: Array) -> None:
 
 @kernel
 def contact_wrench(
-    table: Array, R_WE: Array, w_WE: Array, A_WE: Array, reaction: Array, out: Array
+    tool: Record, R_WE: Array, w_WE: Array, A_WE: Array, reaction: Array, out: Array
 ) -> None:
     """Writes the wrench on the tool besides gravity and its mount: (6,) at E in W, rotation first.
 
@@ -95,16 +81,14 @@ def contact_wrench(
         moment about C = I alpha + w x I w - moment_J - (p_J - p_C) x force_J
 
     Args:
-        table: table of `tool_table`: mass, centre of mass p_C and inertia I about it, pose R_EJ and
-            p_J of the mount J, all in axes of E, and gravity g in W.
+        tool: (1,) of TOOL_TYPE.
         R_WE: (3, 3).
         w_WE: (3,) angular velocity, axes of W, rad/s.
         A_WE: (6,) acceleration of E, rotation first, axes of W, rad/s^2 and m/s^2.
         reaction: (6,) on the tool at J, axes of J, rotation first: N m, N.
         out: (6,) N m and N.
     """
-    com, I_C = table[_COM_ROW], table[_INERTIA_ROW : _INERTIA_ROW + 3]
-    R_EJ = table[_R_EJ : _R_EJ + 3]
+    com, I_C, R_EJ = plain(tool[0].p_EC), plain(tool[0].I_C), plain(tool[0].R_EJ)
     w, alpha, acceleration = np.empty(3), np.empty(3), np.empty(3)
     force, moment = np.empty(3), np.empty(3)
     force_J, moment_J = np.empty(3), np.empty(3)
@@ -112,20 +96,20 @@ def contact_wrench(
     # All in axes of E. a_C - g = a_E - g + alpha x p_C + w x (w x p_C).
     _turn_back(R_WE, w_WE, w)
     _turn_back(R_WE, A_WE[:3], alpha)
-    _turn_back(R_WE, A_WE[3:] - table[_GRAVITY_ROW], acceleration)
+    _turn_back(R_WE, A_WE[3:] - plain(tool[0].gravity), acceleration)
     _add_cross(1.0, w, com, w_x_com)
     _add_cross(1.0, alpha, com, acceleration)
     _add_cross(1.0, w, w_x_com, acceleration)
     _turn(R_EJ, reaction[:3], moment_J)
     _turn(R_EJ, reaction[3:], force_J)
     for k in range(3):
-        force[k] = table[_MASS_ROW, 0] * acceleration[k] - force_J[k]
+        force[k] = tool[0].mass * acceleration[k] - force_J[k]
     _turn(I_C, alpha, moment)
     _turn(I_C, w, I_w)
     _add_cross(1.0, w, I_w, moment)
     for k in range(3):
         moment[k] -= moment_J[k]
-        p_CJ[k] = table[_P_EJ, k] - com[k]
+        p_CJ[k] = tool[0].p_EJ[k] - com[k]
     _add_cross(-1.0, p_CJ, force_J, moment)
     _add_cross(1.0, com, force, moment)  # from C to E
     _turn(R_WE, moment, out[:3])
@@ -136,12 +120,12 @@ class ToolSensor(NamedTuple):
     """A force/torque sensor behind the tool.
 
     Attributes:
-        table: as in `contact_wrench`.
+        tool: (1,) of TOOL_TYPE.
         A, B, C: of its LowPass.
         noise_sd: (6,) N m, N.
     """
 
-    table: Array
+    tool: Record
     A: Array
     B: Array
     C: Array
@@ -185,7 +169,7 @@ def measure_contact_wrench(
     """
     A_WE = np.empty(6)
     tool_acceleration(motion.J, motion.v, motion.vdot, A_WE)
-    contact_wrench(sensor.table, motion.R_WE, motion.V_WE[:3], A_WE, reaction, wrench)
+    contact_wrench(sensor.tool, motion.R_WE, motion.V_WE[:3], A_WE, reaction, wrench)
     for i in range(6):
         wrench[i] += sensor.noise_sd[i] * noise[i]
     low_pass_update(sensor.A, sensor.B, sensor.C, wrench, state)

@@ -17,24 +17,29 @@ import numpy as np
 
 from wrenchsight.models.control.wrench_script import sample_script
 from wrenchsight.models.machining.machining_process import (
-    FORCE,
-    NORMAL,
-    NORMAL_FORCE,
     ProcessTick,
     add_unbalance_force,
     advance_process,
     advance_varying_process,
     joint_vibration,
+    process_parts,
 )
 from wrenchsight.models.machining.process_variations import VariationTables
 from wrenchsight.models.numerics.arrays import Array, Record, record_type
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import in_kernels, kernel
 from wrenchsight.models.numerics.views import plain
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics, all_terms
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
-from wrenchsight.models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
+from wrenchsight.models.signals.tool_contact import (
+    NORMAL_SIZE,
+    NormalContact,
+    add_contact,
+    environment_torque,
+    no_contact,
+    normal_parts,
+)
 from wrenchsight.models.signals.tool_wrench import (
     ToolMotion,
     ToolSensor,
@@ -54,22 +59,8 @@ from wrenchsight.models.truth.joint_kernels import (
 )
 
 
-class ArmLayout(NamedTuple):
-    """How many numbers the parts of ArmState have.
-
-    Attributes:
-        joints: size of the joints' state.
-        process: size of the process's state; 0 where there is none.
-        time_step: s.
-    """
-
-    joints: int
-    process: int
-    time_step: float
-
-
 class ArmState(NamedTuple):
-    """The state of a true arm: views of the flat array that the Context holds.
+    """The state of a true arm.
 
     Attributes:
         joints: (rows, n), the state of `joint_tick`.
@@ -108,44 +99,44 @@ class Truth(NamedTuple):
     Attributes:
         wrench: (6,) F_E_W of the environment, N m, N.
         tau_ext: (n,) N m.
-        contact: (4,) normal force, N, and normal.
+        pressed: normal force and normal of the contact.
     """
 
     wrench: Array
     tau_ext: Array
-    contact: Array
+    pressed: NormalContact
 
 
 class MotionConstants(NamedTuple):
     """The constants of `arm_motion`.
 
     Attributes:
-        layout: layout of the state.
+        time_step: s.
         scratch: (n, SCRATCH_COLUMNS), overwritten.
         chain: SerialChain.table of the true robot.
         joints: table of TrueJoints.
         on_motor: whether the encoders sit on the motors.
         seed: seed of the velocities' noise.
         script, tones: of WrenchScript; without rows nothing is scripted.
-        process: table of MachiningProcess.
+        process: MachiningProcess.constants; (0,): there is none.
     """
 
-    layout: ArmLayout
+    time_step: float
     scratch: Array
     chain: Array
     joints: Array
     on_motor: bool
     seed: int
-    script: Array
+    script: Record
     tones: Array
-    process: Array
+    process: Record
 
 
 class DriveConstants(NamedTuple):
     """The constants of `arm_drives`.
 
     Attributes:
-        layout: as in MotionConstants.
+        time_step: s.
         joints: table of TrueJoints.
         motors: motors of TrueJoints.
         current: (3, n) table of `measure_current`; (0, n): the true current is reported.
@@ -154,7 +145,7 @@ class DriveConstants(NamedTuple):
             counts for friction.
     """
 
-    layout: ArmLayout
+    time_step: float
     joints: Array
     motors: Array
     current: Array
@@ -167,31 +158,26 @@ class MemoryConstants(NamedTuple):
     """The constants of `arm_memory`.
 
     Attributes:
-        layout: as in MotionConstants.
+        time_step: s.
         current, in_contact: as in DriveConstants.
-        tool, A, B, C, noise_sd: of `measure_contact_wrench`; without rows of `tool` there is no
-            force/torque sensor.
+        tool, A, B, C, noise_sd: of `measure_contact_wrench`; without an entry of `tool` there is
+            no force/torque sensor.
         noise_seed: seed of its noise; below 0: none.
         process: as in MotionConstants.
-        variations, waviness, patches, pose, ends: of ProcessVariations; without entries of
-            `variations` the process is steady.
+        variations: of ProcessVariations; NO_VARIATIONS of a steady process.
     """
 
-    layout: ArmLayout
+    time_step: float
     current: Array
     in_contact: bool
-    tool: Array
+    tool: Record
     A: Array
     B: Array
     C: Array
     noise_sd: Array
     noise_seed: int
-    process: Array
-    variations: Array
-    waviness: Array
-    patches: Array
-    pose: Array
-    ends: Array
+    process: Record
+    variations: VariationTables
 
 
 class TickSignals(NamedTuple):
@@ -236,23 +222,7 @@ def motion_type(num_joints: int) -> np.dtype[np.void]:
     )
 
 
-@kernel
-def arm_state(state: Array, layout: ArmLayout, num_joints: int) -> ArmState:
-    """The parts of a flat state."""
-    lagged = layout.joints
-    process = lagged + num_joints
-    wrench = process + layout.process
-    return ArmState(
-        joints=state[:lagged].reshape(-1, num_joints),
-        lagged=state[lagged:process],
-        process=state[process:wrench],
-        wrench=state[wrench : wrench + 6],
-        sensed=state[wrench + 6 : wrench + 12],
-        sensor_filter=state[wrench + 12 :],
-    )
-
-
-@kernel
+@in_kernels
 def drive_parts(drives: Array, num_joints: int) -> Drives:
     """The parts of the flat output of `arm_drives`."""
     current, joints = SIGNALS * num_joints, (SIGNALS + 1) * num_joints
@@ -263,10 +233,15 @@ def drive_parts(drives: Array, num_joints: int) -> Drives:
     )
 
 
-@kernel
+@in_kernels
 def truth_parts(truth: Array, num_joints: int) -> Truth:
     """The parts of the flat output of `arm_truth`."""
-    return Truth(truth[:6], truth[6 : 6 + num_joints], truth[6 + num_joints :])
+    joints_end = 6 + num_joints
+    return Truth(
+        wrench=truth[:6],
+        tau_ext=truth[6:joints_end],
+        pressed=normal_parts(truth[joints_end : joints_end + NORMAL_SIZE]),
+    )
 
 
 @kernel
@@ -285,7 +260,7 @@ def _links(motion: Record) -> JointDynamics:
 
 @kernel
 def arm_motion(
-    constants: MotionConstants, t: float, x: Array, state: Array, motion: Record
+    constants: MotionConstants, t: float, x: Array, arm: ArmState, motion: Record
 ) -> None:
     """Writes the terms, encoder readings and wrench of a sample, before anything is commanded.
 
@@ -298,15 +273,14 @@ def arm_motion(
         constants: of the true arm.
         t: s.
         x: (2n,) q and v of the links, rad, rad/s.
-        state: flat, of ArmState.
+        arm: read only.
         motion: (1,) of `motion_type`, written.
     """
-    n, layout, sample = constants.joints.shape[0], constants.layout, motion[0]
-    arm = arm_state(state.copy(), layout, n)  # a copy: the Context's array cannot be written to
+    n, sample = constants.joints.shape[0], motion[0]
     plain(sample.q)[:] = x[:n]  # `all_terms` reads them
     plain(sample.v)[:] = x[n:]
     all_terms(constants.chain, motion, constants.scratch)  # writes M, J, R_WE and the others
-    tick = _tick_number(t, layout.time_step)
+    tick = _tick_number(t, constants.time_step)
     encoders = EncoderSample(constants.on_motor, constants.seed, tick)
     q_read, v_read = plain(sample.q_read), plain(sample.v_read)
     encoder_reading(constants.joints, arm.joints, _links(motion), encoders, q_read, v_read)
@@ -317,7 +291,7 @@ def arm_motion(
     wrench += arm.wrench
     applied[:] = wrench
     plain(sample.sensed)[:] = arm.sensed
-    if layout.process > 0:
+    if constants.process.shape[0] > 0:
         add_unbalance_force(constants.process, t, plain(sample.R_WE), applied[3:])
     torque, J = plain(sample.torque), plain(sample.J)
     torque[:] = 0.0
@@ -331,7 +305,7 @@ def arm_drives(
     t: float,
     motion: Record,
     command: Array,
-    state: Array,
+    arm: ArmState,
     drives: Array,
 ) -> None:
     """Writes the joints' response to a command; the state stays as it is.
@@ -341,13 +315,12 @@ def arm_drives(
         t: s; the noise depends on its tick alone.
         motion: motion of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
-        state: flat, of ArmState.
+        arm: read only.
         drives: flat, of Drives, written: signals of the tick, current as it is reported, and the
             joints' state at the tick's end.
     """
-    n, time_step = constants.joints.shape[0], constants.layout.time_step
-    # Views of a copy of the state, and of `drives`, which is written through them.
-    arm, out = arm_state(state.copy(), constants.layout, n), drive_parts(drives, n)
+    n, time_step = constants.joints.shape[0], constants.time_step
+    out = drive_parts(drives, n)  # views, through which it is written
     tick, noise = _tick_number(t, time_step), np.empty(2 * n)
     gaussian_noise(constants.seed, tick, noise)  # all of it for the joints
     # Where motors are coupled, the joints' tick takes currents joint by joint, and gives them so:
@@ -376,46 +349,49 @@ def arm_drives(
 @kernel
 def arm_truth(
     tip_radius: float,
-    contacts: Array,
+    contacts: Record,
     count: int,
     tau_contact: Array,
     motion: Record,
     truth: Array,
 ) -> None:
-    """Writes the external wrench and torque on the arm, as `sum_with_contact`.
+    """Writes the external wrench and torque on the arm, and how its tool presses on a surface.
 
     Args:
         tip_radius: m, of the ball at the tool's tip.
-        contacts: (count or more, 9) force and moment on the tool, and where it is touched.
+        contacts: (count or more,) of CONTACT_POINT_TYPE.
         tau_contact: (n,) N m.
         motion: motion of `arm_motion`.
-        truth: (6 + n + 4,) of Truth, written.
+        truth: (6 + n + NORMAL_SIZE,) of `truth_parts`, written.
     """
-    contact, sample = np.zeros(CONTACT_SIZE), motion[0]
+    contact, sample, out = no_contact(), motion[0], truth_parts(truth, tau_contact.shape[0])
     R_WE, p_WE = plain(sample.R_WE), plain(sample.p_WE)
     for i in range(count):
-        c = contacts[i]
-        add_contact(p_WE, R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
-    sum_with_contact(plain(sample.wrench), contact, plain(sample.J), tau_contact, truth)
+        force, moment = plain(contacts[i].force), plain(contacts[i].moment)
+        add_contact(p_WE, R_WE, tip_radius, force, moment, plain(contacts[i].point), contact)
+    applied = plain(sample.wrench)
+    out.wrench[:] = applied + contact.wrench
+    environment_torque(applied, plain(sample.J), tau_contact, out.tau_ext)
+    out.pressed.force[:], out.pressed.normal[:] = contact.pressed.force, contact.pressed.normal
 
 
 @kernel
-def arm_memory(constants: MemoryConstants, t: float, signals: TickSignals, state: Array) -> None:
+def arm_memory(constants: MemoryConstants, t: float, signals: TickSignals, arm: ArmState) -> None:
     """Takes a tick into the state of joints, sensors and process.
 
     Args:
         t: as in `arm_motion`.
-        state: flat, of ArmState, changed.
+        arm: changed.
     """
-    n, layout = signals.vdot.shape[0], constants.layout
-    arm, drives = arm_state(state, layout, n), drive_parts(signals.drives, n)
+    n = signals.vdot.shape[0]
+    drives = drive_parts(signals.drives, n)
     arm.joints[:] = drives.joints
     if constants.in_contact:
         arm.joints[EXTERNAL] = truth_parts(signals.truth, n).tau_ext
     if constants.current.shape[0] > 0:
         motor_current = drives.signals[MOTOR_CURRENT]
-        update_lag(constants.current[0], layout.time_step, motor_current, arm.lagged)
-    if layout.process > 0:
+        update_lag(constants.current[0], constants.time_step, motor_current, arm.lagged)
+    if constants.process.shape[0] > 0:
         _take_process(constants, t, signals, arm)
     if constants.tool.shape[0] > 0:
         _take_tool_wrench(constants, t, signals, arm)
@@ -428,35 +404,29 @@ def _take_process(
     """Advances the process, its force on the tool and the vibration of the joints by a tick.
 
     Args:
-        constants: tables of the process; no `variations`: it is steady.
+        constants: of the process and its variations.
         t: s, the tick's beginning.
         signals: of the tick: motion (terms), joint accelerations and contact are read.
         arm: its `process`, the force in its `wrench` and the joints' VIBRATION (rad/s) are written.
     """
-    sample, time_step = signals.motion[0], constants.layout.time_step
-    contact = truth_parts(signals.truth, signals.vdot.shape[0]).contact
+    sample, time_step = signals.motion[0], constants.time_step
+    pressed = truth_parts(signals.truth, signals.vdot.shape[0]).pressed
     V_WE, process = plain(sample.V_WE), arm.process
-    if constants.variations.shape[0] == 0:
-        advance_process(constants.process, time_step, contact, V_WE, process)
+    if constants.variations.constants.shape[0] == 0:
+        advance_process(constants.process, time_step, pressed, V_WE, process)
     else:
-        tables = VariationTables(
-            constants=constants.variations,
-            waviness=constants.waviness,
-            patches=constants.patches,
-            pose=constants.pose,
-            ends=constants.ends,
-        )
         tick = ProcessTick(
-            t=t, time_step=time_step, contact=contact, V_WE=V_WE, p_WE=plain(sample.p_WE)
+            t=t, time_step=time_step, pressed=pressed, V_WE=V_WE, p_WE=plain(sample.p_WE)
         )
-        advance_varying_process(constants.process, tables, tick, process)
-    arm.wrench[3:] = process[FORCE]
+        advance_varying_process(constants.process, constants.variations, tick, process)
+    parts = process_parts(process)
+    arm.wrench[3:] = parts.force
     joint_vibration(
         constants.process,
         plain(sample.M),
         plain(sample.J),
-        process[NORMAL_FORCE],
-        process[NORMAL],
+        parts.normal_force[0],
+        parts.normal,
         arm.joints[VIBRATION],
     )
 
@@ -468,15 +438,21 @@ def _take_tool_wrench(
     """Takes a tick into the force/torque sensor."""
     sample, noise = signals.motion[0], np.zeros(6)
     if constants.noise_seed >= 0:
-        gaussian_noise(constants.noise_seed, _tick_number(t, constants.layout.time_step), noise)
+        gaussian_noise(constants.noise_seed, _tick_number(t, constants.time_step), noise)
     measure_contact_wrench(
-        ToolSensor(constants.tool, constants.A, constants.B, constants.C, constants.noise_sd),
+        ToolSensor(
+            tool=constants.tool,
+            A=constants.A,
+            B=constants.B,
+            C=constants.C,
+            noise_sd=constants.noise_sd,
+        ),
         ToolMotion(
-            plain(sample.J),
-            plain(sample.R_WE),
-            plain(sample.V_WE),
-            plain(sample.v),
-            signals.vdot,
+            J=plain(sample.J),
+            R_WE=plain(sample.R_WE),
+            V_WE=plain(sample.V_WE),
+            v=plain(sample.v),
+            vdot=signals.vdot,
         ),
         signals.reaction,
         noise,

@@ -247,7 +247,7 @@ def _control(robot: Robot, servo: Servo, time_step: float) -> _Control:
 class _Script(NamedTuple):
     """A WrenchScript's table and tones, and the time of the first tick, s."""
 
-    table: Array
+    table: Record
     tones: Array
     start: float
 

@@ -7,13 +7,10 @@ from pydrake.geometry import ContactSurface, GeometryId
 from pydrake.multibody.plant import ContactResults, PointPairContactInfo
 from pydrake.multibody.tree import BodyIndex
 
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Record
+from wrenchsight.models.signals.tool_contact import CONTACT_POINT_TYPE
 
 _USUAL_CONTACTS = 4  # for which there is memory from the start; more make it grow
-# Columns of a contact's row: its force, its moment about C, and C. The kernel `arm_truth` reads
-# them in this order.
-_FORCE, _MOMENT, _POINT = slice(0, 3), slice(3, 6), slice(6, 9)
-_CONTACT_COLUMNS = 9
 
 
 class ToolContacts:
@@ -34,20 +31,19 @@ class ToolContacts:
     ) -> None:
         self._tool_body, self._tool_geometries = int(tool_body), frozenset(tool_geometries)
         self.tip_radius = tip_radius
-        self._contacts = np.zeros((_USUAL_CONTACTS, _CONTACT_COLUMNS))
+        self._contacts = np.zeros(_USUAL_CONTACTS, CONTACT_POINT_TYPE)
 
-    def touched(self, results: ContactResults) -> tuple[Array, int]:
+    def touched(self, results: ContactResults) -> tuple[Record, int]:
         """The contacts of the tool, valid until the next call, and their number.
 
         Returns:
-            (count or more, 9) rows, of which the first `count` are filled: force and moment about C
-            on the tool, N and N m, and C, m, all in W; and count.
+            (count or more,) of CONTACT_POINT_TYPE, the first `count` of them filled; and count.
         """
         num_points = results.num_point_pair_contacts()
         num_patches = results.num_hydroelastic_contacts()
         if num_points + num_patches > len(self._contacts):
             # Twice what is needed, so that a growing number seldom asks for memory.
-            self._contacts = np.zeros((2 * (num_points + num_patches), _CONTACT_COLUMNS))
+            self._contacts = np.zeros(2 * (num_points + num_patches), CONTACT_POINT_TYPE)
         count = self._write_points(results, num_points)
         count = self._write_patches(results, num_patches, count)
         return self._contacts, count
@@ -60,9 +56,9 @@ class ToolContacts:
             # Drake states the force on body B: -1 where the tool is body A.
             sign = self._sign_of_point(point)
             if sign != 0.0:  # else the tool has no part in it
-                contacts[count, _FORCE] = sign * point.contact_force()
-                contacts[count, _MOMENT] = 0.0  # a point transmits none
-                contacts[count, _POINT] = point.contact_point()
+                contacts["force"][count] = sign * point.contact_force()
+                contacts["moment"][count] = 0.0  # a point transmits none
+                contacts["point"][count] = point.contact_point()
                 count += 1
         return count
 
@@ -76,9 +72,8 @@ class ToolContacts:
             sign = self._sign_of_patch(surface)
             if sign != 0.0:
                 wrench = sign * patch.F_Ac_W().get_coeffs()  # at the centroid, moment first
-                contacts[count, _FORCE] = wrench[3:]
-                contacts[count, _MOMENT] = wrench[:3]
-                contacts[count, _POINT] = surface.centroid()
+                contacts["force"][count], contacts["moment"][count] = wrench[3:], wrench[:3]
+                contacts["point"][count] = surface.centroid()
                 count += 1
         return count
 

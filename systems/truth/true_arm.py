@@ -12,13 +12,19 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context
 
 from wrenchsight.models.control.wrench_script import WrenchScript
-from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
+from wrenchsight.models.machining.machining_process import (
+    PROCESS_TYPE,
+    MachiningProcess,
+    add_unbalance_force,
+)
+from wrenchsight.models.machining.process_variations import NO_VARIATIONS
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.signals.tool_contact import NORMAL_SIZE
 from wrenchsight.models.truth.arm_tick import (
-    ArmLayout,
+    ArmState,
     DriveConstants,
     MemoryConstants,
     MotionConstants,
@@ -97,7 +103,7 @@ class TrueArm(SampledBlock):
              spatial_forces    list of one ExternallyAppliedSpatialForce (abstract); where anything
                                but contact acts on the tool
              wrench_unbalance  (6,) F_E_W of the spindle, from the tool's own mass; at machining
-    State:   memory, which `take_sample` updates at each tick: an `ArmState`, flat
+    State:   memory, which `take_sample` updates at each tick: an `ArmState`
 
     Ports that only some arms have:
 
@@ -125,35 +131,33 @@ class TrueArm(SampledBlock):
     def __init__(self, parts: ArmParts) -> None:
         if parts.process is not None and parts.contacts is None:
             raise ValueError("true arm: a machining process needs contact")
-        # The memory is one flat array, the parts of an ArmState one after another. The kernels find
-        # them by the layout's sizes, which come from the same function as the array.
-        layout, memory_at_rest = _memory_at_rest(parts)
-        SampledBlock.__init__(self, period=parts.joints.time_step, initial_memory=memory_at_rest)
+        at_rest = _memory_at_rest(parts)
+        SampledBlock.__init__(self, period=parts.joints.time_step, initial_memory=at_rest)
         self._n = n = parts.joints.num_joints
         # Numbers of entries of the outputs' parts, and the record type that names those of motion.
         self._motion_type = motion_type(n)
         self.motion_sizes = _motion_sizes(n)
-        self.drive_sizes = _drive_sizes(n, joint_state_size=layout.joints)
+        self.drive_sizes = _drive_sizes(n, joint_state_size=at_rest.joints.size)
         self.truth_sizes = _truth_sizes(n)
         self._contacts = parts.contacts  # None: nothing can be touched
         self._process = parts.process  # None: the tool does not work
         self._tool_weld = None if parts.sensor is None else parts.sensor.weld  # None: no sensor
-        self._keep_kernel_constants(parts, layout)
+        self._keep_kernel_constants(parts)
         # Inputs come first, as the outputs name those that they depend on. All three look at
         # contacts, process and sensor for which ports this arm has.
         self._declare_inputs()
         self._declare_held_outputs()
         self._declare_other_outputs(parts)
 
-    def _keep_kernel_constants(self, parts: ArmParts, layout: ArmLayout) -> None:
+    def _keep_kernel_constants(self, parts: ArmParts) -> None:
         """Keeps what the kernels take besides a tick's signals.
 
         `arm_motion`, `arm_drives` and `arm_memory` have constants each. `arm_memory` always takes
         signals of contact and sensor: of an arm without, these zeros, which it does not look at.
         """
-        self._motion_constants = _motion_constants(parts, layout)
-        self._drive_constants = _drive_constants(parts, layout)
-        self._memory_constants = _memory_constants(parts, layout)
+        self._motion_constants = _motion_constants(parts)
+        self._drive_constants = _drive_constants(parts)
+        self._memory_constants = _memory_constants(parts)
         self._no_truth = np.zeros(sum(self.truth_sizes.values()))
         self._no_reaction = np.zeros(6)
         self._no_vdot = np.zeros(self._n)
@@ -262,10 +266,10 @@ class TrueArm(SampledBlock):
     def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
         R_WE, wrench = self._motion_at(context)["R_WE"][0], np.zeros(6)
         assert self._process is not None
-        add_unbalance_force(self._process.table, context.get_time(), R_WE, wrench[3:])
+        add_unbalance_force(self._process.constants, context.get_time(), R_WE, wrench[3:])
         output.SetFromVector(wrench)
 
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+    def take_sample(self, context: Context, memory: ArmState) -> Sequence[Array]:
         motion, drives = self._motion.Eval(context), self._drives.Eval(context)
         held_outputs = [motion, drives]  # in the order of `_declare_held_outputs`
         truth, reaction, vdot = self._no_truth, self._no_reaction, self._no_vdot
@@ -302,12 +306,12 @@ def _drive_sizes(n: int, joint_state_size: int) -> dict[str, int]:
 
 def _truth_sizes(n: int) -> dict[str, int]:
     """Sizes of the parts of `truth`; `normal_force` is followed by the normal."""
-    return {"wrench": 6, "tau_ext": n, "normal_force": 4}
+    return {"wrench": 6, "tau_ext": n, "normal_force": NORMAL_SIZE}
 
 
-def _process_table(parts: ArmParts) -> Array:
-    """The table of the machining process; empty without one."""
-    return np.empty(0) if parts.process is None else parts.process.table
+def _process_constants(parts: ArmParts) -> Record:
+    """The constants of the machining process; without an entry where there is none."""
+    return np.zeros(0, PROCESS_TYPE) if parts.process is None else parts.process.constants
 
 
 def _current_table(parts: ArmParts) -> Array:
@@ -315,11 +319,11 @@ def _current_table(parts: ArmParts) -> Array:
     return np.empty((0, parts.joints.num_joints)) if parts.current is None else parts.current
 
 
-def _motion_constants(parts: ArmParts, layout: ArmLayout) -> MotionConstants:
+def _motion_constants(parts: ArmParts) -> MotionConstants:
     """The constants of `arm_motion`."""
     joints = parts.joints
     return MotionConstants(
-        layout=layout,
+        time_step=parts.joints.time_step,
         scratch=np.empty((joints.num_joints, SCRATCH_COLUMNS)),
         chain=np.ascontiguousarray(parts.chain.table),
         joints=joints.table,
@@ -327,14 +331,14 @@ def _motion_constants(parts: ArmParts, layout: ArmLayout) -> MotionConstants:
         seed=parts.seed + VELOCITY_STREAM,  # noise of its own for every source
         script=parts.script.table,
         tones=parts.script.tones,
-        process=_process_table(parts),
+        process=_process_constants(parts),
     )
 
 
-def _drive_constants(parts: ArmParts, layout: ArmLayout) -> DriveConstants:
+def _drive_constants(parts: ArmParts) -> DriveConstants:
     """The constants of `arm_drives`."""
     return DriveConstants(
-        layout=layout,
+        time_step=parts.joints.time_step,
         joints=parts.joints.table,
         motors=parts.joints.motors,
         current=_current_table(parts),
@@ -344,12 +348,12 @@ def _drive_constants(parts: ArmParts, layout: ArmLayout) -> DriveConstants:
     )
 
 
-def _memory_constants(parts: ArmParts, layout: ArmLayout) -> MemoryConstants:
+def _memory_constants(parts: ArmParts) -> MemoryConstants:
     """The constants of `arm_memory`; tables of what an arm does not have are without rows."""
     sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
     variations = None if parts.process is None else parts.process.variations
     return MemoryConstants(
-        layout=layout,
+        time_step=parts.joints.time_step,
         current=_current_table(parts),
         in_contact=parts.contacts is not None,
         tool=sensor.tool,
@@ -358,21 +362,18 @@ def _memory_constants(parts: ArmParts, layout: ArmLayout) -> MemoryConstants:
         C=sensor.C,
         noise_sd=sensor.noise_sd,
         noise_seed=sensor.noise_seed,
-        process=_process_table(parts),
-        variations=np.empty(0) if variations is None else variations.table,
-        waviness=np.empty((0, 4)) if variations is None else variations.waviness,
-        patches=np.empty((0, 4)) if variations is None else variations.patches,
-        pose=np.empty((0, 3)) if variations is None else variations.pose,
-        ends=np.empty((0, 3)) if variations is None else variations.ends,
+        process=_process_constants(parts),
+        variations=NO_VARIATIONS if variations is None else variations.tables,
     )
 
 
-def _memory_at_rest(parts: ArmParts) -> tuple[ArmLayout, Array]:
-    """The layout of ArmState, and the flat state of an arm at rest that has measured nothing."""
-    joints = parts.joints.initial_state().ravel()
-    lagged = np.full(parts.joints.num_joints, np.nan)
-    process = np.zeros(0) if parts.process is None else parts.process.initial_state
-    wrench, sensed = np.zeros(6), np.zeros(6)
-    sensor_filter = np.zeros(0 if parts.sensor is None else parts.sensor.filter_size)
-    layout = ArmLayout(joints.size, process.size, parts.joints.time_step)
-    return layout, np.concatenate([joints, lagged, process, wrench, sensed, sensor_filter])
+def _memory_at_rest(parts: ArmParts) -> ArmState:
+    """The state of an arm at rest that has measured nothing."""
+    return ArmState(
+        joints=parts.joints.initial_state(),
+        lagged=np.full(parts.joints.num_joints, np.nan),
+        process=np.zeros(0) if parts.process is None else parts.process.initial_state,
+        wrench=np.zeros(6),
+        sensed=np.zeros(6),
+        sensor_filter=np.zeros(0 if parts.sensor is None else parts.sensor.filter_size),
+    )

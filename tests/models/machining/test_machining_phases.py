@@ -5,9 +5,6 @@ import pytest
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_phases import (
-    FAULT,
-    FORCE_THERE,
-    PHASE,
     Fault,
     Phase,
     PhaseInputs,
@@ -21,7 +18,7 @@ from wrenchsight.models.machining.machining_phases import (
 )
 
 CONFIG = PhasesConfig()
-TABLE = CONFIG.table
+CONSTANTS = CONFIG.constants
 STEP = 1e-3
 CONTACT = CONFIG.standoff / CONFIG.approach_speed + 0.1  # s
 
@@ -30,14 +27,14 @@ def play(force_of, config=CONFIG, work=0.5, room=lambda t: 1.0, end=12.0, truste
     """Phases met, and the fault, with a feedback force(t, phase, set-point)."""
     state, met, t = initial_state(), [Phase.APPROACH], 0.0
     while t < end:
-        target = setpoint(config.table, state, t, 40.0, 40.0, 40.0)
-        force = force_of(t, Phase(int(state[PHASE])), target)
+        target = setpoint(config.constants, state, t, 40.0, 40.0, 40.0)
+        force = force_of(t, Phase(int(state[0]["phase"])), target)
         t += STEP
-        trusts = trusted(Phase(int(state[PHASE])))
+        trusts = trusted(Phase(int(state[0]["phase"])))
         inputs = PhaseInputs(STEP, t, force, target, work, room(t), trusts)
-        if advance(config.table, inputs, state):
-            met.append(Phase(int(state[PHASE])))
-    return met, Fault(int(state[FAULT]))
+        if advance(config.constants, inputs, state):
+            met.append(Phase(int(state[0]["phase"])))
+    return met, Fault(int(state[0]["fault"]))
 
 
 def wall(t, phase, target):
@@ -92,16 +89,16 @@ def test_a_moment_without_contact_is_forgiven():
 
 def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
     state = initial_state()
-    state[:] = [Phase.TOUCH, 1.0, 0.0, 0.0, 0.0, 0.0, 7.0]
-    values = [setpoint(TABLE, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, 0.5, 1.0, 2.0)]
+    state["phase"], state["since"], state["force_there"] = Phase.TOUCH, 1.0, 7.0
+    values = [setpoint(CONSTANTS, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, 0.5, 1.0, 2.0)]
     np.testing.assert_allclose(values, [7.0, 23.5, 40.0, 40.0])
-    state[PHASE] = Phase.WORK
-    assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 99.0
-    state[PHASE] = Phase.RELEASE
-    values = [setpoint(TABLE, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, CONFIG.release)]
+    state[0]["phase"] = Phase.WORK
+    assert setpoint(CONSTANTS, state, 1.5, 40.0, 99.0, 55.0) == 99.0
+    state[0]["phase"] = Phase.RELEASE
+    values = [setpoint(CONSTANTS, state, 1.0 + x, 40.0, 99.0, 55.0) for x in (0.0, CONFIG.release)]
     np.testing.assert_allclose(values, [55.0, CONFIG.release_force])
-    state[PHASE] = Phase.LIFT
-    assert setpoint(TABLE, state, 1.5, 40.0, 99.0, 55.0) == 0.0
+    state[0]["phase"] = Phase.LIFT
+    assert setpoint(CONSTANTS, state, 1.5, 40.0, 99.0, 55.0) == 0.0
 
 
 @pytest.mark.parametrize("reading", [0.0, 150.0])
@@ -140,11 +137,11 @@ def test_a_joint_at_its_limit_needs_no_feedback():
 def test_the_time_without_contact_restarts_after_readings_that_are_not_valid():
     """Two gaps that only together are long enough, with an untrusted tick between them."""
     state, met = initial_state(), []
-    state[PHASE] = Phase.WORK
+    state[0]["phase"] = Phase.WORK
     gap = round(0.6 * CONFIG.lost_time / STEP)
     for k in range(2 * gap):
-        advance(TABLE, PhaseInputs(STEP, k * STEP, 0.0, 40.0, 99.0, 1.0, k != gap), state)
-        met.append(int(state[PHASE]))
+        advance(CONSTANTS, PhaseInputs(STEP, k * STEP, 0.0, 40.0, 99.0, 1.0, k != gap), state)
+        met.append(int(state[0]["phase"]))
     assert set(met) == {Phase.WORK}
 
 
@@ -152,21 +149,21 @@ def test_the_time_without_contact_restarts_after_readings_that_are_not_valid():
 def test_in_the_approach_the_setpoint_is_the_force_beyond_that_of_free_motion(bias):
     """So that force control takes over from what the spring presses with, without a jump."""
     state, t, setpoints = initial_state(), 0.0, []
-    while state[PHASE] == Phase.APPROACH:
-        setpoints.append(setpoint(TABLE, state, t, 40.0, 40.0, 40.0))
+    while state[0]["phase"] == Phase.APPROACH:
+        setpoints.append(setpoint(CONSTANTS, state, t, 40.0, 40.0, 40.0))
         force = bias + wall(t, Phase.APPROACH, 0.0)
         t += STEP
-        advance(TABLE, PhaseInputs(STEP, t, force, setpoints[-1], 1.0, 1.0, True), state)
-    assert state[PHASE] == Phase.TOUCH
+        advance(CONSTANTS, PhaseInputs(STEP, t, force, setpoints[-1], 1.0, 1.0, True), state)
+    assert state[0]["phase"] == Phase.TOUCH
     free = round((CONTACT - 0.02) / STEP)
     # The baseline has met the bias by e^-10 and less; a positive one is a force at first.
     np.testing.assert_allclose(setpoints[free - 200 : free], 0.0, atol=0.01)
     assert min(setpoints) >= 0.0
     rise = force - bias
     # What the baseline has followed in the .3 s since contact is missing.
-    assert 0.7 * rise < state[FORCE_THERE] <= rise + 0.01
-    first = setpoint(TABLE, state, t, 40.0, 40.0, 40.0)
-    assert first == pytest.approx(state[FORCE_THERE])
+    assert 0.7 * rise < state[0]["force_there"] <= rise + 0.01
+    first = setpoint(CONSTANTS, state, t, 40.0, 40.0, 40.0)
+    assert first == pytest.approx(state[0]["force_there"])
     # 40 N/s in a tick.
     assert abs(first - setpoints[-1]) < 0.05
 

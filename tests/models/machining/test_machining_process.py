@@ -22,10 +22,11 @@ from wrenchsight.models.machining.process_variations import (
     WorkpieceContact,
     vary,
 )
+from wrenchsight.models.signals.tool_contact import normal_parts
 
 
-def table(**changes):
-    return MachiningProcess(ProcessConfig(**changes)).table
+def constants_of(**changes):
+    return MachiningProcess(ProcessConfig(**changes)).constants
 
 
 def cut(constants, normal_force, feed):
@@ -36,12 +37,12 @@ def cut(constants, normal_force, feed):
 
 def test_resistance_is_the_ratio_of_the_normal_force_against_the_feed():
     # Far above the rest speed of 2 mm/s the law is the plain power law.
-    force = cut(table(cutting_ratio=0.3, speed_exponent=0.0), 50.0, [0.0, 0.5, 0.0])
+    force = cut(constants_of(cutting_ratio=0.3, speed_exponent=0.0), 50.0, [0.0, 0.5, 0.0])
     np.testing.assert_allclose(force, [0.0, -15.0, 0.0], atol=15 * 1e-5)
 
 
 def test_resistance_grows_with_the_feed_by_its_exponent():
-    constants = table(speed_exponent=0.4, reference_speed=0.5)
+    constants = constants_of(speed_exponent=0.4, reference_speed=0.5)
     slow, fast = (-cut(constants, 40.0, [v, 0.0, 0.0])[0] for v in (0.5, 4.0))
     assert fast / slow == pytest.approx(8.0**0.4, rel=1e-4)
     assert slow == pytest.approx(0.1 * 40.0, rel=1e-4)
@@ -50,14 +51,14 @@ def test_resistance_grows_with_the_feed_by_its_exponent():
 @pytest.mark.parametrize("speed", [0.0, 1e-5, 1e-3, 0.02, 1.0])
 def test_resistance_only_takes_power(speed):
     feed = speed * np.array([0.6, 0.0, -0.8])
-    force = cut(table(), 40.0, feed)
+    force = cut(constants_of(), 40.0, feed)
     assert np.all(np.isfinite(force))
     assert force @ feed <= 0.0
     np.testing.assert_allclose(np.cross(force, feed), 0.0, atol=1e-12)
 
 
 def test_the_feed_follows_the_tangential_velocity_with_its_lag():
-    constants = table(lag=0.02)
+    constants = constants_of(lag=0.02)
     n, v, feed = np.array([0.0, 0.0, 1.0]), np.array([0.03, -0.01, 5.0]), np.zeros(3)
     for _ in range(20):
         advance_feed(constants, 1e-3, n, v, feed)
@@ -66,14 +67,15 @@ def test_the_feed_follows_the_tangential_velocity_with_its_lag():
 
 
 def test_a_tick_takes_the_contact_and_keeps_the_last_normal():
-    constants, T = table(lag=0.02), 1e-3
+    constants, T = constants_of(lag=0.02), 1e-3
     V_WE = np.array([9.0, 9.0, 9.0, 0.03, -0.01, 0.02])
     state = np.array([50.0, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0])
     contact = np.array([31.0, 0.0, 0.6, 0.8])
+    pressed = normal_parts(contact)  # views
     for normal_force, n in ((31.0, contact[1:]), (0.0, contact[1:].copy())):
         feed = state[4:7].copy()
         advance_feed(constants, T, n, V_WE[3:], feed)
-        advance_process(constants, T, contact, V_WE, state)
+        advance_process(constants, T, pressed, V_WE, state)
         force = cut(constants, normal_force, feed)
         np.testing.assert_array_equal(state, [normal_force, *n, *feed, *force])
         contact[:] = 0.0
@@ -90,17 +92,18 @@ def test_a_varying_process_is_the_steady_one_varied():
     """At the tick's end, at the tool's place, with the feed's own direction."""
     process, T, t = varying(), 1e-3, 0.1234
     variations = process.variations
-    contact, p_WE = np.array([31.0, 0.0, 0.6, 0.8]), np.array([0.2, 0.1, 0.0])
+    pressed = normal_parts(np.array([31.0, 0.0, 0.6, 0.8]))
+    p_WE = np.array([0.2, 0.1, 0.0])
     V_WE = np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])
     state, steady = process.initial_state, np.zeros(10)
-    tick = ProcessTick(t, T, contact, V_WE, p_WE)
+    tick = ProcessTick(t, T, pressed, V_WE, p_WE)
     for _ in range(30):
-        advance_varying_process(process.table, variations.tables, tick, state)
-        advance_process(process.table, T, contact, V_WE, steady)
+        advance_varying_process(process.constants, variations.tables, tick, state)
+        advance_process(process.constants, T, pressed, V_WE, steady)
     np.testing.assert_array_equal(state[:7], steady[:7])
     expected, feed = steady[7:].copy(), steady[4:7]
     direction = feed / math.sqrt(feed @ feed + 2e-3**2)
-    sample = CuttingSample(t + T, 31.0, contact[1:], direction, p_WE)
+    sample = CuttingSample(t + T, 31.0, pressed.normal, direction, p_WE)
     vary(variations.tables, sample, np.zeros(0), expected)
     np.testing.assert_allclose(state[7:], expected, rtol=1e-12)
     assert np.linalg.norm(expected - steady[7:]) > 0.1
@@ -115,7 +118,7 @@ def test_a_process_varies_where_the_workpiece_is_known_and_it_is_asked_for():
 
 
 def test_unbalance_turns_across_the_spindle():
-    constants = table(spindle_frequency=50.0, unbalance=2e-5)
+    constants = constants_of(spindle_frequency=50.0, unbalance=2e-5)
     R_WE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     forces = np.zeros((4, 3))
     for k in range(4):
@@ -133,7 +136,7 @@ def test_unbalance_turns_across_the_spindle():
 )
 def test_bad_parameters_are_named(key, value):
     with pytest.raises(InputError, match=key):
-        table(**{key: value})
+        constants_of(**{key: value})
 
 
 def test_joints_vibrate_as_free_masses_that_one_force_along_the_normal_shakes():
@@ -141,10 +144,10 @@ def test_joints_vibrate_as_free_masses_that_one_force_along_the_normal_shakes():
     rng = np.random.default_rng(5)
     root, J = rng.normal(size=(6, 6)), rng.normal(size=(6, 6))
     M, normal, out = root @ root.T + np.eye(6), np.array([0.0, 0.6, -0.8]), np.empty(6)
-    joint_vibration(table(vibration=0.03), M, J, 25.0, normal, out)
+    joint_vibration(constants_of(vibration=0.03), M, J, 25.0, normal, out)
     shaken = np.linalg.solve(M, J[3:].T @ normal)
     shaken *= 0.03 / (normal @ J[3:] @ shaken)
     np.testing.assert_allclose(out, np.abs(shaken), rtol=1e-12)
     for amplitude, force in ((0.0, 25.0), (0.03, 0.0)):
-        joint_vibration(table(vibration=amplitude), M, J, force, normal, out)
+        joint_vibration(constants_of(vibration=amplitude), M, J, force, normal, out)
         np.testing.assert_array_equal(out, 0.0)

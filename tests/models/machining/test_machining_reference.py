@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.machining.machining_phases import (
-    FORCE_THERE,
-    PHASE,
-    SINCE,
     Fault,
     Phase,
     PhasesConfig,
@@ -39,7 +36,7 @@ def path(sts):
 def plan(robot, path, reads_at_rest):
     trajectory, place, force = path
     return PassPlan(
-        phases=PHASES.table,
+        phases=PHASES.constants,
         chain=np.ascontiguousarray(robot.chain.table),
         limits=np.array([robot.position_lower, robot.position_upper]),
         t=trajectory.t,
@@ -80,7 +77,7 @@ def reference(robot, path, t, state, anchor, reads_at_rest=True):
 )
 def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
     state = initial_state()
-    state[[PHASE, SINCE, FORCE_THERE]] = phase, 5.0, 8.0
+    state["phase"], state["since"], state["force_there"] = phase, 5.0, 8.0
     (pose, joints, control), _ = reference(sts, path, 5.7, state, no_anchor())
     q, v, vdot = path[0].sample(time)
     np.testing.assert_allclose(joints, np.concatenate([q, v, vdot]), atol=1e-13)
@@ -104,7 +101,7 @@ def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
 )
 def test_approach_and_retreat_move_along_the_anchors_direction(sts, path, phase, way, speed):
     state = initial_state()
-    state[[PHASE, SINCE]] = phase, 3.0
+    state["phase"], state["since"] = phase, 3.0
     R_anchor, p_anchor, outward = anchor = anchor_along([0.6, 0.0, 0.8])
     (pose, joints, control), terms = reference(sts, path, 4.0, state, anchor)
     np.testing.assert_array_equal(pose[:9], R_anchor.ravel())
@@ -132,12 +129,13 @@ def tick(robot, path, state, anchor, push, q=None, reads_at_rest=True, t=5.0):
 
 def test_a_retreat_starts_from_where_it_is_decided(sts, path):
     state, anchor = initial_state(), no_anchor()
-    state[[PHASE, SINCE]] = Phase.WORK, 4.0
+    state["phase"], state["since"] = Phase.WORK, 4.0
     tick(sts, path, state, anchor, push=40.0)
-    assert state[PHASE] == Phase.WORK
+    assert state["phase"] == Phase.WORK
     assert not any(part.any() for part in anchor)
     terms = tick(sts, path, state, anchor, push=PHASES.max_force + 1.0)
-    np.testing.assert_array_equal(state[:3], [Phase.RETREAT, 5.0 + T, Fault.OVER_FORCE])
+    assert state["phase"] == Phase.RETREAT and state["since"] == 5.0 + T
+    assert state["fault"] == Fault.OVER_FORCE
     for part, expected in zip(anchor, (terms.R_WE, terms.p_WE, -terms.R_WE[:, 2]), strict=True):
         np.testing.assert_array_equal(part, expected)
 
@@ -147,15 +145,15 @@ def test_a_joint_near_its_limit_ends_it(sts, path):
         q = np.array(sts.home)
         q[4] = limit[4] + sign * 0.5 * PHASES.joint_margin
         state = initial_state()
-        state[[PHASE, SINCE]] = Phase.WORK, 4.0
+        state["phase"], state["since"] = Phase.WORK, 4.0
         tick(sts, path, state, no_anchor(), 40.0, q)
-        assert state[2] == Fault.JOINT_LIMIT
+        assert state["fault"] == Fault.JOINT_LIMIT
 
 
 def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     """Their friction is fed forward into the surface, the place stays."""
     state = initial_state()
-    state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
+    state["phase"], state["since"], state["force_there"] = Phase.TOUCH, 5.0, 8.0
     (pose, joints, control), _ = reference(sts, path, 5.7, state, no_anchor())
     (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, no_anchor(), False)
     np.testing.assert_array_equal(pose, same_pose)
@@ -181,7 +179,7 @@ def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
     )
     made = plan_pass(sts, sts.chain, planned, PHASES, T, reads_at_rest)
     state, pose, joints = initial_state(), np.empty(18), np.empty((3, 6))
-    state[[PHASE, SINCE]] = Phase.TOUCH, 5.0
+    state["phase"], state["since"] = Phase.TOUCH, 5.0
     terms = sts.chain.terms(trajectory.q[0], np.zeros(6))
     memory = PassMemory(state, *no_anchor())
     machining_reference(made, 5.7, memory, terms.record, pose, joints)
@@ -193,7 +191,7 @@ def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
 @pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
 def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
     state = initial_state()
-    state[[PHASE, SINCE]] = phase, 5.0
+    state["phase"], state["since"] = phase, 5.0
     anchor = anchor_along([0.0, 0.0, 1.0])
     (*motion, control), _ = reference(sts, path, 5.7, state, anchor)
     (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, False)
@@ -219,7 +217,7 @@ def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
 )
 def test_an_estimate_counts_where_the_feed_is_steady(sts, path, phase, time, valid):
     state = initial_state()
-    state[[PHASE, SINCE]] = phase, 5.0
+    state["phase"], state["since"] = phase, 5.0
     anchor = no_anchor()
     for reads_at_rest, expected in ((False, valid), (True, 1.0)):
         (_, _, control), _ = reference(sts, path, 5.0 + time, state, anchor, reads_at_rest)
@@ -233,10 +231,10 @@ def test_without_a_sensor_an_over_force_counts_where_it_can_be_read(
     sts, path, push, time, retreats
 ):
     state = initial_state()
-    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    state["phase"], state["since"] = Phase.WORK, 5.0 - time
     tick(sts, path, state, no_anchor(), push, reads_at_rest=False)
     # What is no number is no reading, wherever that is.
-    assert (state[PHASE] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
-    state[[PHASE, SINCE]] = Phase.WORK, 5.0 - time
+    assert (state["phase"] == Phase.RETREAT) == (retreats or bool(np.isnan(push)))
+    state["phase"], state["since"] = Phase.WORK, 5.0 - time
     tick(sts, path, state, no_anchor(), push)
-    assert state[PHASE] == Phase.RETREAT
+    assert state["phase"] == Phase.RETREAT

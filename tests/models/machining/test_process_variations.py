@@ -75,7 +75,7 @@ def test_a_field_has_its_root_mean_square_and_its_wavelengths():
     values = np.array([field_at(waves, *place)[0] for place in places])
     # 40,000 draws of variance 4: the standard error of the rms is .35 %.
     assert np.sqrt(np.mean(values**2)) == pytest.approx(2.0, rel=0.015)
-    lengths = 2.0 * np.pi / np.hypot(waves[:, 0], waves[:, 1])
+    lengths = 2.0 * np.pi / np.hypot(waves["wave_x"], waves["wave_y"])
     assert 0.01 <= lengths.min() < 0.012 and 0.065 < lengths.max() <= 0.08
     # Spread evenly over the logarithm: as many below the geometric mean as above.
     assert np.sum(lengths < math.sqrt(0.01 * 0.08)) == len(lengths) // 2
@@ -92,11 +92,12 @@ def test_a_slope_is_the_derivative_of_the_height():
 
 
 def test_another_seed_is_another_workpiece():
-    heights = [field_at(law(VariationsConfig(seed=k)).waviness, 0.02, 0.03)[0] for k in (1, 1, 2)]
+    surfaces = [law(VariationsConfig(seed=k)).tables.waviness for k in (1, 1, 2)]
+    heights = [field_at(waves, 0.02, 0.03)[0] for waves in surfaces]
     assert heights[0] == heights[1] != heights[2]
     # Surface and material are independent draws.
     of = law(VariationsConfig())
-    assert abs(np.corrcoef(of.waviness[:, 2], of.patches[:, 2])[0, 1]) < 0.6
+    assert abs(np.corrcoef(of.tables.waviness["phase"], of.tables.patches["phase"])[0, 1]) < 0.6
 
 
 @pytest.mark.parametrize(("stiffness", "exponent"), [(2e5, 1.0), (math.pi * 1e7, 2.0)])
@@ -145,7 +146,7 @@ def test_waviness_alone_takes_no_work_round_a_closed_path():
 def slope_power(of, path, along):
     out = []
     for p, d in zip(path, along, strict=True):
-        height, gx, gy = field_at(of.waviness, p[0], p[1])
+        height, gx, gy = field_at(of.tables.waviness, p[0], p[1])
         push = pressed(STIFFNESS, 1.0, -STIFFNESS * p[2], height)
         out.append(-push * (gx * d[0] + gy * d[1]))
     return np.array(out)
@@ -154,7 +155,7 @@ def slope_power(of, path, along):
 def test_patches_scale_friction_and_cutting_alike():
     of = law(replace(NOTHING, patches=PatchesConfig(spread=0.4)))
     p, steady = [0.02, 0.05, 0.0], np.array([-6.0, 0.0, 0.0])
-    factor = math.exp(0.4 * field_at(of.patches, p[0], p[1])[0] - 0.08)
+    factor = math.exp(0.4 * field_at(of.tables.patches, p[0], p[1])[0] - 0.08)
     assert abs(factor - 1.0) > 0.05
     # Besides the simulator's own friction of .2 x 40 N.
     expected = factor * steady
@@ -162,7 +163,7 @@ def test_patches_scale_friction_and_cutting_alike():
     np.testing.assert_allclose(varied(of, p, steady), expected, atol=1e-12)
     mean = np.mean(
         [
-            math.exp(0.4 * field_at(of.patches, x, y)[0] - 0.08)
+            math.exp(0.4 * field_at(of.tables.patches, x, y)[0] - 0.08)
             for x, y in np.random.default_rng(1).uniform(-50.0, 50.0, (20_000, 2))
         ]
     )
@@ -208,7 +209,7 @@ def test_cutting_begins_and_ends_a_margin_inside_the_path():
     of = law(config, ends=ends)
     for y, share in ((0.0, 0.0), (0.01, 0.5), (0.2, 1.0), (0.39, 0.5), (0.4, 0.0)):
         p = np.array([0.1, y, 0.0])
-        assert engagement(of.table, of.ends, p) == pytest.approx(share, abs=1e-9)
+        assert engagement(of.tables.constants, p) == pytest.approx(share, abs=1e-9)
         force = varied(of, p, [0.0, -4.0, 0.0], direction=(0.0, 1.0, 0.0))
         np.testing.assert_allclose(force, [0.0, -4.0 * share, 0.0], atol=1e-9)
 
@@ -218,7 +219,7 @@ def test_a_bump_acts_again_one_turn_later():
     config = replace(NOTHING, chatter=ChatterConfig(ratio=0.5, overlap=2.0 / 3.0, corner=0.01))
     of = law(config, spindle_frequency=100.0)
     memory = np.zeros(of.memory_size)
-    heights = [regenerated(of.table, 1e-5 if k == 5 else 0.0, memory) for k in range(40)]
+    heights = [regenerated(of.tables.constants, 1e-5 if k == 5 else 0.0, memory) for k in range(40)]
     expected = np.zeros(40)
     expected[5] = -0.5e-5  # acts at tick 6
     expected[14] = 0.5e-5 * 2.0 / 3.0  # acts at tick 15: ten ticks after the bump itself
@@ -230,7 +231,7 @@ def test_the_memory_reaches_just_over_a_turn():
     config = replace(NOTHING, chatter=ChatterConfig(ratio=0.5, overlap=1.0, corner=0.01))
     of = law(config, spindle_frequency=1000.0 / 10.4)
     memory = np.zeros(of.memory_size)
-    heights = [regenerated(of.table, 1e-5 if k == 5 else 0.0, memory) for k in range(60)]
+    heights = [regenerated(of.tables.constants, 1e-5 if k == 5 else 0.0, memory) for k in range(60)]
     expected = np.zeros(60)
     expected[5] = -0.5e-5
     expected[14], expected[15] = 0.6 * 0.5e-5, 0.4 * 0.5e-5  # of ticks 15 and 16, less 10.4
@@ -245,7 +246,7 @@ def vibration(ratio, z, spindle, n=60_000, dt=2e-5):
     of = law(config, spindle_frequency=spindle, time_step=dt)
     memory, y, v, size = np.zeros(of.memory_size), 1e-7, 0.0, np.empty(n)
     for i in range(n):
-        force = k * regenerated(of.table, y, memory)
+        force = k * regenerated(of.tables.constants, y, memory)
         v += dt * (force - k * y - 2.0 * z * math.sqrt(k * m) * v) / m
         y += dt * v
         size[i] = abs(y)
@@ -290,7 +291,7 @@ def test_a_steady_process_may_turn_at_any_frequency():
 
 def test_the_default_height_is_a_few_newtons():
     """Gaussian to a good part: within one standard deviation as often as erf says."""
-    waves = law(VariationsConfig()).waviness
+    waves = law(VariationsConfig()).tables.waviness
     places = np.random.default_rng(2).uniform(-20.0, 20.0, (20_000, 2))
     push = np.array([pressed(STIFFNESS, 1.0, 40.0, field_at(waves, *place)[0]) for place in places])
     assert np.std(push) == pytest.approx(2e5 * 1e-5, rel=0.03)

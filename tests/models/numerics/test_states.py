@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, record
 from wrenchsight.models.numerics.states import StateLayout, assign_state
 
 
@@ -35,6 +35,18 @@ def test_the_vector_holds_all_arrays_in_their_order_and_gives_views() -> None:
 def test_an_array_alone_is_a_state() -> None:
     layout = StateLayout(np.zeros((2, 2)))
     np.testing.assert_array_equal(layout.state_of(np.arange(4.0)), [[0.0, 1.0], [2.0, 3.0]])
+
+
+def test_a_record_is_a_part_whose_numbers_have_names() -> None:
+    made = record(time=2.0, matrix=np.eye(2))
+    layout = StateLayout(Inner(np.array([7.0]), made))
+    np.testing.assert_array_equal(layout.initial, [7.0, 2.0, 1.0, 0.0, 0.0, 1.0])
+    vector = layout.initial.copy()
+    again = layout.state_of(vector).empty
+    assert again.dtype == made.dtype
+    again["time"], again["matrix"][0, 1, 0] = 3.0, -4.0
+    np.testing.assert_array_equal(vector, [7.0, 3.0, 1.0, 0.0, -4.0, 1.0])
+    assert made["time"] == 2.0  # the initial one stays as it is
 
 
 def test_a_state_takes_the_numbers_of_another_in_its_own_memory() -> None:

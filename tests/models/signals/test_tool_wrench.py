@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from wrenchsight.models.numerics.arrays import record
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.low_pass import LowPass, low_pass_update
 from wrenchsight.models.signals.tool_wrench import (
@@ -9,7 +10,6 @@ from wrenchsight.models.signals.tool_wrench import (
     contact_wrench,
     measure_contact_wrench,
     tool_acceleration,
-    tool_table,
 )
 
 
@@ -44,25 +44,28 @@ def test_acceleration_with_a_prismatic_joint():
     np.testing.assert_allclose(out, expected, atol=1e-14)
 
 
+def tool_of(mass, p_EC, I_C, p_EJ):
+    """Held at J, whose axes are E's, under the earth's gravity."""
+    gravity = [0.0, 0.0, -9.81]
+    return record(mass=mass, p_EC=p_EC, I_C=I_C, gravity=gravity, R_EJ=np.eye(3), p_EJ=p_EJ)
+
+
 def test_a_tool_at_rest_weighs_what_the_mount_carries():
-    gravity = np.array([0, 0, -9.81])
-    table = tool_table(
-        2.0, np.array([0.1, 0, 0]), np.eye(3) * 0.01, gravity, np.eye(3), np.zeros(3)
-    )
+    tool = tool_of(2.0, [0.1, 0.0, 0.0], 0.01 * np.eye(3), p_EJ=np.zeros(3))
     # J is at E, with its axes: the mount pushes up with the weight, at a lever of -0.1 m.
     reaction = np.array([0, -0.1 * 2 * 9.81, 0, 0, 0, 2 * 9.81])
     out = np.empty(6)
-    contact_wrench(table, np.eye(3), np.zeros(3), np.zeros(6), reaction, out)
+    contact_wrench(tool, np.eye(3), np.zeros(3), np.zeros(6), reaction, out)
     np.testing.assert_allclose(out, 0, atol=1e-12)
     # Less from the mount: something else must push up.
     reaction[5] -= 5.0
-    contact_wrench(table, np.eye(3), np.zeros(3), np.zeros(6), reaction, out)
+    contact_wrench(tool, np.eye(3), np.zeros(3), np.zeros(6), reaction, out)
     assert out[5] == pytest.approx(5.0)
 
 
 def test_a_measurement_is_the_wrench_with_noise_through_the_filter():
     rng, n = np.random.default_rng(7), 6
-    table = tool_table(1.3, rng.normal(size=3), np.eye(3), [0, 0, -9.81], np.eye(3), np.ones(3))
+    tool = tool_of(1.3, rng.normal(size=3), np.eye(3), p_EJ=np.ones(3))
     J, (v, vdot, V_WE, reaction, sd, noise) = rng.normal(size=(6, n)), rng.normal(size=(6, n))
     R_WE = np.eye(3)[[1, 2, 0]]
     low_pass = LowPass.butterworth(50.0, 2, 1e-3)
@@ -70,12 +73,12 @@ def test_a_measurement_is_the_wrench_with_noise_through_the_filter():
     expected_state = state.copy()
     A_WE, sample = np.empty(6), np.empty(6)
     tool_acceleration(J, v, vdot, A_WE)
-    contact_wrench(table, R_WE, V_WE[:3], A_WE, reaction, sample)
+    contact_wrench(tool, R_WE, V_WE[:3], A_WE, reaction, sample)
     sample += sd * noise
     A, B, C = low_pass.A, low_pass.B, low_pass.C
     low_pass_update(A, B, C, sample, expected_state)
     measure_contact_wrench(
-        ToolSensor(table, A, B, C, sd),
+        ToolSensor(tool, A, B, C, sd),
         ToolMotion(J, R_WE, V_WE, v, vdot),
         reaction,
         noise,

@@ -52,7 +52,7 @@ def test_ports_are_those_of_the_kernels_and_hold_between_ticks(sts, parts):
             shown = block.GetOutputPort(name).Eval(context)
             np.testing.assert_array_equal(shown, np.atleast_1d(value), err_msg=name)
         advance_reference(plan, t, terms.record, wrench, state)
-    assert state.state[0] == Phase.TOUCH
+    assert state.state["phase"] == Phase.TOUCH
 
 
 def test_no_output_feeds_through_from_the_force_that_is_fed_back(parts):

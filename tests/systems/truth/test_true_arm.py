@@ -39,6 +39,7 @@ from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.current_measurement import measure_current
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.tool_contact import normal_parts
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
@@ -245,7 +246,7 @@ def test_a_process_cuts_against_the_feed_once_contact_is_known(robot, joints):
     state[law] = before
     work.context.SetDiscreteState(0, state)
     expected = before.copy()
-    advance_process(process.table, T, np.zeros(4), work.terms.V_WE, expected)
+    advance_process(process.constants, T, normal_parts(np.zeros(4)), work.terms.V_WE, expected)
     after = work.after()
     np.testing.assert_array_equal(after[law], expected)
     # Without contact the force ends, and the lagged feed follows the tool.
@@ -271,11 +272,11 @@ def test_a_varying_process_reads_time_and_place(robot, joints):
     touched = ToolContacts(body, [tip], RADIUS)
     work = AtWork(robot, joints, np.zeros(6), results, process=process, contacts=touched)
     work.context.SetTime(0.0123)
-    touch = work.parts("truth")[2]
-    assert touch[0] > 1.0
+    touch = normal_parts(work.parts("truth")[2])
+    assert touch.force > 1.0
     expected, varied = process.initial_state, process.variations
     advance_varying_process(
-        process.table,
+        process.constants,
         varied.tables,
         ProcessTick(0.0123, T, touch, work.terms.V_WE, work.terms.p_WE),
         expected,
@@ -283,7 +284,7 @@ def test_a_varying_process_reads_time_and_place(robot, joints):
     np.testing.assert_array_equal(work.after()[first : first + expected.size], expected)
     assert not work.after()[VIBRATION * 6 : VIBRATION * 6 + 6].any()
     steady = process.initial_state[:10]
-    advance_process(process.table, T, touch, work.terms.V_WE, steady)
+    advance_process(process.constants, T, touch, work.terms.V_WE, steady)
     assert np.linalg.norm(expected[7:10] - steady[7:]) > 0.01 * np.linalg.norm(steady[7:])
 
 
@@ -296,7 +297,7 @@ def test_a_tool_that_vibrates_shakes_the_joints_while_it_touches(robot, joints):
             robot, joints, np.zeros(6), results if more else None, process=process, **more
         )
         touch, terms, expected = work.parts("truth")[2], work.terms, np.empty(6)
-        joint_vibration(process.table, terms.M, terms.J, touch[0], touch[1:], expected)
+        joint_vibration(process.constants, terms.M, terms.J, touch[0], touch[1:], expected)
         np.testing.assert_array_equal(work.after()[VIBRATION * 6 : VIBRATION * 6 + 6], expected)
         assert expected.any() == (contacts is not None)
 
@@ -345,9 +346,9 @@ def test_a_pressed_ball_is_pushed_out_of_the_plate(robot, joints, patches, ball_
     """The force at the contact and its moment about E, wherever E is."""
     body, tip, p, results, _diagram = pressed_ball(patches, ball_first)
     touched = ToolContacts(body, [tip], RADIUS)
-    rows, count = touched.touched(results)
+    points, count = touched.touched(results)
     assert count == 1
-    force, at = rows[0, :3], rows[0, 6:]
+    force, at = points["force"][0], points["point"][0]
     assert force[2] > 1.0
     np.testing.assert_allclose(force[:2], 0.0, atol=1e-6 * force[2])
     # Under the ball's centre, in the plate's surface or half the depth below it.
@@ -355,7 +356,7 @@ def test_a_pressed_ball_is_pushed_out_of_the_plate(robot, joints, patches, ball_
     assert -DEPTH <= at[2] <= 1e-4
     work = AtWork(robot, joints, np.zeros(6), results, segments=[PUSH], contacts=touched)
     wrench, torque, (normal_force, *n) = work.parts("truth")
-    moment = rows[0, 3:6] + np.cross(at - work.terms.p_WE, force)
+    moment = points["moment"][0] + np.cross(at - work.terms.p_WE, force)
     np.testing.assert_allclose(wrench - PUSHED, [*moment, *force], atol=1e-10)
     np.testing.assert_allclose(torque, work.terms.J.T @ PUSHED, atol=1e-12)
     centre = work.terms.p_WE - RADIUS * work.terms.R_WE[:, 2]
