@@ -22,6 +22,7 @@ from wrenchsight.models.recordings.json_table import (
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
 from wrenchsight.models.recordings.log_container import LogContainer
+from wrenchsight.models.recordings.log_folders import FolderContainer, is_recording_folder
 from wrenchsight.models.recordings.mat_table import MatContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
@@ -35,6 +36,9 @@ TEXT = TextContainer()
 
 BAG = RosbagContainer()
 """Also for a folder that holds a rosbag2."""
+
+FOLDER = FolderContainer()
+"""For a folder that holds the quantities or joints of a recording in a file each."""
 
 _PARQUET, _NPZ, _MAT = ParquetContainer(), NpzContainer(), MatContainer()
 _JSON, _YAML = JsonContainer(), YamlContainer()
@@ -71,6 +75,8 @@ def container_of(path: Path) -> LogContainer | None:
         return BAG
     if root_of(path) is not None:
         return DATA_SETS
+    if is_recording_folder(path):
+        return FOLDER
     suffix = path.suffix.lower()
     by_suffix = next((kind for kind in CONTAINERS if suffix in kind.suffixes), None)
     is_users = by_suffix is not None and by_suffix not in _BUILT_IN

@@ -278,6 +278,8 @@ def _container_word(table: LogTable) -> str:
     if isinstance(table, RatedTable | AlignedTable):
         return _container_word(table.table)
     if isinstance(table, ConvertedTable):
+        if table.path.is_dir():
+            return "table made of the files of a folder"
         return f"table made of {table.path.suffix or 'a'} file"
     if isinstance(table, TextTable):
         separator = SEPARATOR_WORDS.get(table.separator, repr(table.separator))

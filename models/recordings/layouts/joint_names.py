@@ -111,6 +111,11 @@ def is_joint_list(name: str) -> bool:
     return re.split(r"[/.]", name)[-1].lower() in JOINT_LISTS
 
 
+def ends_in_joint_word(text: str) -> bool:
+    """Whether what stands before a number says that it is a joint's: joint_, axis, J."""
+    return _JOINT_WORD.search(text) is not None
+
+
 def is_nameless(log_joints: Sequence[str]) -> bool:
     """Whether a log names no joints, which then are numbers from 1 on."""
     return list(log_joints) == [str(k + 1) for k in range(len(log_joints))]
@@ -206,7 +211,7 @@ def _by_number(log_joints: Sequence[str], robot_joints: Sequence[str]) -> _Candi
     n = len(robot_joints)
     found: _Candidates = {}
     for text, numbered in series.items():
-        if _JOINT_WORD.search(text) is None:
+        if not ends_in_joint_word(text):
             continue
         for first in (1, 0):
             if sorted(numbered) == list(range(first, first + n)):
