@@ -21,6 +21,8 @@ MIN_COMMON_LOG_GAIN = 0.08
 MAX_COMMON_LOG_GAIN = 1.0  # up to which the drives' error counts as independent of a common gain
 MIN_COMMON_STANDARD_ERRORS = 5.0  # by which the logarithm of a common gain is away from zero
 COMMON_PRIOR_SD = 0.3  # of the logarithm of a common gain, at each step of its fit
+MIN_SET_LOG_GAIN = 0.1  # the same as MIN_COMMON_LOG_GAIN, of a gain that some joints have in common
+MIN_SET_SDS = 2.0  # standard errors of a joint's own gain, from which on it may be one of these
 RMS_GAIN = math.sqrt(0.5)  # of a sine's amplitude: drives state either of a phase's current
 RMS_TOLERANCE = 0.1  # of the logarithm, within which a common gain is this one, or its inverse
 LOG_GAIN_TOLERANCE = 0.3  # of the logarithm, within which a gain is that of a known unit
@@ -44,17 +46,24 @@ class _Form(NamedTuple):
     Attributes:
         gains: (n,) by which the logged signal is too large.
         num_free: how many of them count as fitted. A form of known factors counts as one, too.
-        sd: standard error of a gain near 1 that all joints have in common: the drives' error is
-            then that of the model, whatever the gain is. None: of any other form.
+        sd: standard error of a gain near 1 that all joints, or some, have in common: the drives'
+            error is then that of the model, whatever the gain is. None: of any other form.
+        num_sets: sets of joints that may have it, equally likely beforehand.
     """
 
     gains: Array
     num_free: float
     sd: float | None = None
+    num_sets: float = 1.0
+
+    @property
+    def joints(self) -> list[int]:
+        """Joints, counted from 0, whose gain is not 1."""
+        return np.flatnonzero(self.gains != 1.0).tolist()
 
 
 def explain(case: Case) -> Explanation | None:
-    """The gains that explain the log best: one of all joints, one of each, or that of a single one.
+    """The gains that explain the log best: of all joints, of some or a single one, or of each.
 
     A gain is the factor by which the logged signal is too large; 1: it is right. None where no
     gain differs from 1 by more than a tolerance.
@@ -88,7 +97,9 @@ def _forms(case: Case) -> list[_Form]:
         smallest = ALL_SMALLEST
         if case.model is not None:
             smallest = MIN_LOG_GAIN
-            forms += _common_form(case, common)
+            everywhere = np.ones(n, bool)
+            forms += _common_form(case, everywhere, common, MIN_COMMON_LOG_GAIN)
+            forms += _set_forms(case)
         if abs(math.log(common)) > smallest:
             forms.append(_Form(np.full(n, common), num_free=1.0))
             each = np.where(is_known, gain_of_each, common)
@@ -107,33 +118,61 @@ def _forms(case: Case) -> list[_Form]:
     return forms
 
 
-def _common_form(case: Case, guess: float) -> list[_Form]:
-    """The gain near 1 that all joints have in common; empty where it may as well be 1.
+def _set_forms(case: Case) -> list[_Form]:
+    """The gains near 1 that some joints have in common.
+
+    One fit has the gain of each joint open. The sets are those of the joints whose gains are surely
+    larger than 1, the surest first, and surely smaller.
+    """
+    n, expected = case.num_joints, case.base.expected[case.at]
+    columns = expected[:, :, None] * np.eye(n)  # N m for each unit of the logarithm
+    fit = case.fit(case.base.with_columns(columns, np.full(n, COMMON_PRIOR_SD)))
+    log_gain = np.clip(fit.theta[:n], -MAX_COMMON_LOG_GAIN, MAX_COMMON_LOG_GAIN)
+    sds = fit.theta[:n] / fit.sd[:n]
+    forms: list[_Form] = []
+    for sign in (1.0, -1.0):
+        order = np.argsort(-sign * sds)
+        num_sure = int((sign * sds > MIN_SET_SDS).sum())
+        for size in range(1, min(num_sure, n - 1) + 1):
+            is_off = np.isin(np.arange(n), order[:size])
+            guess = math.exp(float(np.median(log_gain[is_off])))
+            forms += _common_form(case, is_off, guess, MIN_SET_LOG_GAIN)
+    return [form._replace(num_sets=2.0**n) for form in forms]
+
+
+def _common_form(case: Case, is_off: Flags, guess: float, min_log_gain: float) -> list[_Form]:
+    """The gain near 1 that joints have in common; empty where it may as well be 1.
 
     Newton's steps: the expected torque is linear in the logarithm of the gain about the last one.
     Masses, a load, friction and contacts are open beside it, so that none of them is taken for it.
 
     Args:
         case: the log, its model and the fit of the log as it is.
+        is_off: (n,) joints that have it; that of the others is 1.
         guess: the gain from which the steps begin; 1 where it is too far from 1.
+        min_log_gain: size of its logarithm from which on it is one.
     """
+
+    def gains(log_gain: float) -> Array:
+        return np.where(is_off, math.exp(log_gain), 1.0)
+
     log_gain = math.log(guess)
     if abs(log_gain) > MAX_COMMON_LOG_GAIN:
         log_gain = 0.0
     for _ in range(_MAX_STEPS):
-        view = _common_view(case, math.exp(log_gain))
-        slope = view.expected[case.at][:, :, None]  # N m for each unit of the logarithm
+        view = _common_view(case, gains(log_gain))
+        # N m for each unit of the logarithm
+        slope = np.where(is_off, view.expected[case.at], 0.0)[:, :, None]
         fit = case.fit(view.with_columns(slope, np.array([COMMON_PRIOR_SD])))
         change, sd = float(fit.theta[0]), float(fit.sd[0])  # what `with_columns` adds comes first
         # A step that leaves the range ends at its limit: in another unit no gain is near 1.
         log_gain = min(max(log_gain + change, -MAX_COMMON_LOG_GAIN), MAX_COMMON_LOG_GAIN)
         if abs(change) < _MAX_CHANGE_SDS * sd:
             break
-    smallest = max(MIN_COMMON_LOG_GAIN, MIN_COMMON_STANDARD_ERRORS * sd)
+    smallest = max(min_log_gain, MIN_COMMON_STANDARD_ERRORS * sd)
     if not smallest < abs(log_gain) < MAX_COMMON_LOG_GAIN:
         return []
-    gain = math.exp(log_gain)
-    return [_Form(np.full(case.num_joints, gain), num_free=1.0, sd=gain * sd)]
+    return [_Form(gains(log_gain), num_free=1.0, sd=math.exp(log_gain) * sd)]
 
 
 def _explanation(case: Case, form: _Form) -> Explanation:
@@ -150,9 +189,9 @@ def _explanation(case: Case, form: _Form) -> Explanation:
     N = case.num_independent
     is_near = form.sd is not None
     if is_near:
-        view = _common_view(case, float(gains[0]))
+        view = _common_view(case, gains)
         fitted = case.fitted(view)
-        log_prior = 0.0
+        log_prior = -math.log(form.num_sets)
     else:
         view = _view(case, gains)
         fitted = case.fitted(view)
@@ -227,14 +266,17 @@ def _of_rated_torque(case: Case, gains: Array) -> _Finding | None:
 
 
 def _of_common_factor(case: Case, form: _Form) -> _Finding | None:
-    """A gain near 1 that all joints have in common; None: it is another form."""
+    """A gain near 1 that all joints, or some, have in common; None: it is another form."""
     if form.sd is None:
         return None
-    gain, spread = form.gains[0], max(form.sd, _LEAST_STATED_SD)
+    gain, spread = form.gains[form.joints[0]], max(form.sd, _LEAST_STATED_SD)
+    is_all = len(form.joints) == case.num_joints
+    names = ", ".join(case.robot.joint_names[j] for j in form.joints)
+    factors = 1.0 / (form.gains[:1] if is_all else form.gains)
     return _Finding(
-        f"{case.word}s of {gain:.2f} +- {spread:.1g} times the model's size at all joints, as of "
-        "drives with another torque per ampere",
-        f"set {case.key}: {{gain: {numbers_text(np.full(1, 1.0 / gain))}}} in a description, or "
+        f"{case.word}s of {gain:.2f} +- {spread:.1g} times the model's size at "
+        f"{'all joints' if is_all else names}, as of drives with another torque per ampere",
+        f"set {case.key}: {{gain: {numbers_text(factors)}}} in a description, or "
         "identify the model from such logs",
         {"gain_sd": form.sd},
     )
@@ -371,10 +413,10 @@ def _gains(case: Case) -> Array:
     return gains
 
 
-def _common_view(case: Case, gain: float) -> View:
-    """The log beside a model of `gain` times its torque; the error stays the model's."""
+def _common_view(case: Case, gains: Array) -> View:
+    """The log beside a model of `gains` (n,) times its torque; the error stays the model's."""
     base = case.base
-    return replace(base, expected=base.expected * gain, columns=base.columns * gain)
+    return replace(base, expected=base.expected * gains, columns=base.columns * gains[:, None])
 
 
 def _divisor(gains: Array) -> Array:

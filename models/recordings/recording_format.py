@@ -75,6 +75,7 @@ class SignalCorrection:
     delay: float = 0.0
     without_gravity: bool = False
     gain: float = 1.0
+    joint_delay: tuple[float, ...] = ()
 
 
 @dataclass
@@ -108,6 +109,8 @@ class SignalColumns:
     """joints from 1 on that have the other sign"""
     delay: float = 0.0
     """s by which the signal is late against the others; negative: it leads"""
+    joint_delay: list[float] = field(default_factory=list)
+    """s by which each joint's part is late beside `delay`, in the new order; empty: none is"""
     without_gravity: bool = False
     """motor torque or current without what holds the arm against gravity: that is added"""
     exerted_on: str = ROBOT
@@ -210,6 +213,12 @@ class Signal:
     wrap: str = ""
     delay: float = 0.0
     without_gravity: bool = False
+    joint_delay: tuple[float, ...] = ()  # one a column, beside `delay`; empty: none
+
+    @property
+    def delays(self) -> Array:
+        """(k,) s by which each column is late."""
+        return self.delay + np.array(self.joint_delay or (0.0,) * len(self.columns))
 
     def numbers(self, words: Array) -> Array:
         """Numbers with their sign, of logged words (N, k)."""
@@ -228,7 +237,8 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
         signal: as the log has it, with unit, gain and offset.
         correction: `order` names for each joint of the robot the place (from 1) of its column among
             the signal's, `turned` the joints (from 1, in the new order) whose sign changes, `delay`
-            in s adds to the signal's. Empty or 0: unchanged. `gain` multiplies its values.
+            in s adds to the signal's, `joint_delay` those of its columns, in the new order. Empty
+            or 0: unchanged. `gain` multiplies its values.
         source, place: of the correction, for error lines.
 
     Raises:
@@ -242,10 +252,16 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     if not set(correction.turned) <= set(joint_numbers):
         problem = f"is {list(correction.turned)}, expected joints from 1 to {num_columns}"
         raise InputError(source, f"{place}, turned", problem, "correct it")
-    if not abs(correction.delay) <= LARGEST_DELAY:
-        problem = f"is {correction.delay:g} s, expected {LARGEST_DELAY:g} s at most"
-        raise InputError(source, f"{place}, delay", problem, "correct it")
-    is_changed = correction.order or correction.turned or correction.delay
+    of_each = correction.joint_delay
+    if of_each and len(of_each) != num_columns:
+        problem = f"holds {len(of_each)} numbers, expected {num_columns}, one for each joint"
+        raise InputError(source, f"{place}, joint_delay", problem, "correct it")
+    for key, delays in (("delay", (correction.delay,)), ("joint_delay", of_each)):
+        for delay in delays:
+            if not abs(delay) <= LARGEST_DELAY:
+                problem = f"is {delay:g} s, expected {LARGEST_DELAY:g} s at most"
+                raise InputError(source, f"{place}, {key}", problem, "correct it")
+    is_changed = correction.order or correction.turned or correction.delay or any(of_each)
     if (is_changed or correction.gain != 1.0) and signal.name not in _JOINT_SIGNALS:
         problem = "has an order, a delay, a gain or turned joints"
         raise InputError(source, place, problem, "these are for signals of the joints: remove them")
@@ -255,12 +271,16 @@ def corrected(signal: Signal, correction: SignalCorrection, source: str, place: 
     places = [k - 1 for k in correction.order] or list(range(num_columns))
     factor = np.full(num_columns, correction.gain)
     factor[[k - 1 for k in correction.turned]] *= -1.0
+    earlier = signal.joint_delay or (0.0,) * num_columns
+    later = of_each or (0.0,) * num_columns
+    joint_delay = tuple(earlier[k] + more for k, more in zip(places, later, strict=True))
     return replace(
         signal,
         columns=tuple(signal.columns[k] for k in places),
         scale=factor * signal.scale[places],
         offset=factor * signal.offset[places],
         delay=signal.delay + correction.delay,
+        joint_delay=joint_delay if any(joint_delay) else (),
         without_gravity=signal.without_gravity or correction.without_gravity,
     )
 
@@ -489,6 +509,7 @@ class _LogColumns:
             order=tuple(entry.order),
             turned=tuple(entry.turned),
             delay=entry.delay,
+            joint_delay=tuple(entry.joint_delay),
             without_gravity=entry.without_gravity,
         )
         return corrected(signal, correction, source, place)

@@ -24,10 +24,10 @@ def corrected_chunks(
 ) -> Iterator[Recording]:
     """The parts of a log with the corrections of its layout, and the offsets of joints' zeros.
 
-    A signal that is `delay` s late is moved to the times at which it was, and a torque or current
-    without gravity gains that of the posture. What the log does not hold, velocities made of q and
-    currents made of torque, is late with these and lacks gravity with these; what it does hold has
-    its own corrections alone.
+    A signal that is `delay` s late is moved to the times at which it was, a joint's part of it by
+    its own `joint_delay` beside that, and a torque or current without gravity gains that of the
+    posture. What the log does not hold, velocities made of q and currents made of torque, is late
+    with these and lacks gravity with these; what it does hold has its own corrections alone.
 
     Args:
         chunks: successive parts of one recording.
@@ -38,7 +38,7 @@ def corrected_chunks(
     Raises:
         InputError: the gravity torque of a robot without inertias is asked for.
     """
-    delays = {signal.name: signal.delay for signal in layout.signals if signal.delay}
+    delays = {signal.name: signal.delays for signal in layout.signals if signal.delays.any()}
     lacks_gravity = {signal.name for signal in layout.signals if signal.without_gravity}
     if layout.signal("v") is None and "q" in delays:  # differentiated
         delays["v"] = delays["q"]
@@ -63,10 +63,11 @@ def corrected_chunks(
         yield chunk
 
 
-def _without_delays(chunks: Iterator[Recording], delays: dict[str, float]) -> Iterator[Recording]:
-    """The parts of a log, each signal at its own time."""
-    latest = max(0.0, *delays.values())
-    earliest = min(0.0, *delays.values())
+def _without_delays(chunks: Iterator[Recording], delays: dict[str, Array]) -> Iterator[Recording]:
+    """The parts of a log, each signal at its own time; delays (k,) of its columns in s."""
+    all_delays = np.concatenate(list(delays.values()))
+    latest = all_delays.max(initial=0.0)
+    earliest = all_delays.min(initial=0.0)
     kept: Recording | None = None
     begin = -np.inf  # of the samples that are still to come
     for chunk in chunks:
@@ -84,12 +85,15 @@ def _step(chunk: Recording) -> float:
     return float(np.median(np.diff(chunk.t))) if chunk.num_samples > 1 else 0.0
 
 
-def _at_own_times(kept: Recording, is_ready: Flags, delays: dict[str, float]) -> Recording:
+def _at_own_times(kept: Recording, is_ready: Flags, delays: dict[str, Array]) -> Recording:
     part = kept[is_ready]
     changed: dict[str, Any] = {}
-    for name, delay in delays.items():
+    for name, of_columns in delays.items():
         signal = getattr(kept, name)
         if signal is not None:
-            columns = [np.interp(part.t + delay, kept.t, x) for x in signal.T]
+            columns = [
+                np.interp(part.t + delay, kept.t, x)
+                for delay, x in zip(of_columns, signal.T, strict=True)
+            ]
             changed[name] = np.stack(columns, axis=1)
     return replace(part, **changed)

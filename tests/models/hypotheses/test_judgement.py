@@ -224,6 +224,43 @@ def test_delays_are_found_to_within_their_error(ur10e: Robot) -> None:
         assert fault.values["delay_s"] == pytest.approx(delay, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("joints", "delay", "are_drives"),
+    [((2,), 0.2, True), ((3, 4, 5), -0.3, True), ((1,), 0.25, False)],
+)
+def test_late_signals_of_single_joints_are_named_and_mended(
+    ur10e: Robot, tmp_path: Path, joints: tuple[int, ...], delay: float, are_drives: bool
+) -> None:
+    """With the joints that are late alone; rows are 50 ms apart."""
+    log = motion(ur10e)
+
+    def late(x: np.ndarray) -> np.ndarray:
+        columns = [np.interp(log.t - delay * (j in joints), log.t, x[:, j]) for j in range(6)]
+        return np.stack(columns, axis=1)
+
+    if are_drives:
+        log = replace(log, current=late(log.current))
+    else:
+        log = replace(log, q=late(log.q), v=late(log.v))
+    fault = judge_log([log], ur10e, identified(ur10e)).fault
+    assert fault is not None
+    assert fault.name == "time of single joints"
+    assert fault.values["joints"] == [j + 1.0 for j in joints]
+    assert fault.values["delay_s"] == pytest.approx(delay, abs=0.02)
+    # What is to be set, literally.
+    write_recording(replace(log, extra={}), tmp_path / "log.csv")
+    signals = {"current": "i"} if are_drives else {"position": "q", "velocity": "v"}
+    description = {"header": True, "time": {"columns": "t"}}
+    for key, letter in {"position": "q", "velocity": "v", "current": "i"}.items():
+        description[key] = {"columns": f"{letter}{{1..6}}"}
+        if key in signals:
+            stated = fault.remedy.partition(f"{key}: {{joint_delay: ")[2].partition("}")[0]
+            description[key]["joint_delay"] = yaml.safe_load(stated)
+    (tmp_path / "log.yaml").write_text(yaml.safe_dump(description))
+    mended = read_recording(tmp_path / "log.csv", tmp_path / "log.yaml", ur10e)
+    assert judge_log([mended], ur10e, identified(ur10e)).fault is None
+
+
 def test_an_average_is_told_from_a_delay(ur10e: Robot) -> None:
     fault = judged(averaged(motion(ur10e), 0.5), ur10e).fault
     assert fault is not None
@@ -341,6 +378,22 @@ def test_a_common_gain_is_named_beside_a_model_of_the_same_drives(
         assert np.array(fault.values["gain"]) == pytest.approx(gain, rel=0.015)
         stated = float(fault.remedy.partition("gain: [")[2].partition("]")[0])
         assert stated == pytest.approx(1.0 / gain, rel=0.02)
+
+
+@pytest.mark.parametrize(("joints", "gain"), [((0, 1, 2), 1.3), ((1, 2), 0.8), ((2,), 1.25)])
+def test_a_gain_of_some_joints_is_named_with_these_alone(
+    ur10e: Robot, joints: tuple[int, ...], gain: float
+) -> None:
+    log = motion(ur10e)
+    gains = np.where(np.isin(np.arange(6), joints), gain, 1.0)
+    fault = judge_log([replace(log, current=gains * log.current)], ur10e, identified(ur10e)).fault
+    assert fault is not None
+    assert fault.name == "unit or gain of the drives"
+    assert np.array(fault.values["gain"]) == pytest.approx(gains, rel=0.02)
+    names = [name for name in ur10e.joint_names if name in fault.cause]
+    assert names == [ur10e.joint_names[j] for j in joints]
+    stated = yaml.safe_load(fault.remedy.partition("gain: ")[2].partition("}")[0])
+    assert stated == pytest.approx(1.0 / gains, rel=0.02)
 
 
 @pytest.mark.parametrize("gain", [1e3, 1e-3, 30.0])

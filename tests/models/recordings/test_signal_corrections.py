@@ -74,6 +74,30 @@ def test_a_delay_is_taken_away_whatever_the_chunks(
         assert set(np.round(log.t, 9)) <= set(np.round(table[:, 0], 9))
 
 
+def test_each_joint_has_a_delay_of_its_own(ur10e: Robot, tmp_path: Path) -> None:
+    """In the new order of the joints, and beside the delay of the whole signal."""
+    written(tmp_path / "log.csv")
+    order, joint_delay, delay = [2, 1, 3, 4, 5, 6], [0.1, 0.0, -0.2, 0.0, 0.0, 0.3], 0.05
+    lines = [
+        "header: true",
+        'time: {columns: "t"}',
+        'position: {columns: "q{1..6}"}',
+        'velocity: {columns: "v{1..6}"}',
+        f'current: {{columns: "i{{1..6}}", order: {order}, joint_delay: {joint_delay}, '
+        f"delay: {delay}}}",
+    ]
+    (tmp_path / "log.yaml").write_text("\n".join(lines))
+    log = read_recording(tmp_path / "log.csv", tmp_path / "log.yaml", ur10e, check=False)
+    times = log.t[:, None] + delay + np.array(joint_delay)
+    np.testing.assert_allclose(log.current, np.array(order) + 0.5 * times, atol=1e-9)
+    # The latest joint has no sample at the end, the earliest none at the begin.
+    assert log.num_samples == pytest.approx(SIZE - (0.35 + 0.15) / STEP, abs=1)  # by rounding
+    lines[-1] = 'current: {columns: "i{1..6}", joint_delay: [0.1, 0.2]}'
+    (tmp_path / "log.yaml").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="holds 2 numbers, expected 6, one for each joint"):
+        read_recording(tmp_path / "log.csv", tmp_path / "log.yaml", ur10e, check=False)
+
+
 def test_gravity_is_added_and_zeros_are_set(ur10e: Robot, tmp_path: Path) -> None:
     table = written(tmp_path / "log.csv")
     log = read_recording(tmp_path / "log.csv", "effort-without-gravity", ur10e, check=False)
