@@ -108,6 +108,20 @@ class FrictionRefresh:
         log_tail = np.maximum(-0.5 * chi_square, LEAST_LOG_TAIL)
         return np.asarray(np.sqrt(2.0) * erfcinv(np.exp(log_tail)))
 
+    def work_share(self, rows: ResidualRows) -> Array:
+        """(n,) work of each joint's friction today, as a share of that of the model's friction.
+
+        One for a joint without friction, and for one that rests.
+
+        Args:
+            rows: of the motion.
+        """
+        changed = rows.sliding[:, :, OF_MOTION], self.change[:, OF_MOTION]
+        known = rows.dry + rows.viscous
+        work = (rows.v * known).sum(axis=0)
+        change = (rows.v * np.einsum("kjc,jc->kj", *changed)).sum(axis=0)
+        return np.asarray(1.0 + np.divide(change, work, out=np.zeros_like(work), where=work > 0.0))
+
     @property
     def determined_share(self) -> Array:
         """(n, 3) share of the prior's variance that the log has removed, 0 to 1."""

@@ -9,6 +9,7 @@ touches, friction and contact are found together
 (`wrenchsight.models.calibration.friction_beside_contact`).
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -52,6 +53,10 @@ MIN_LISTED_SHARE = 0.5
 MAX_CONTACT_SHARE = 0.5
 # share of rows that are free beside contact, from which on a log with few flags is untouched
 UNTOUCHED_SHARE = 0.9
+# share of the work of a joint's friction that drift leaves at least: over five weeks a UR10e's
+# viscous part changed by 30 % (sd). A hand that leads an arm pushes along its motion, and would
+# leave .27 to .6 of it in five of six joints
+MIN_WORK_SHARE = 0.5
 _ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
 
 
@@ -63,12 +68,15 @@ class _JudgedRows(NamedTuple):
         load: None where none is looked for, or rows are too few.
         rows: without the torque of the load; None where there is none.
         refresh: today's friction of a log in which something touches; None: that of `rows`.
+        led_work_share: (n,) share of the work of each joint's friction that would be left if what
+            leads the arm were a change of friction; None: nothing leads it.
     """
 
     num_gathered: int
     load: LoadOrDrift | None
     rows: ResidualRows | None
     refresh: FrictionRefresh | None = None
+    led_work_share: Array | None = None
 
 
 class FrictionMonitor:
@@ -300,6 +308,10 @@ class FrictionMonitor:
             force_sd=prior.force_sd,
             moment_sd=prior.moment_sd,
         )
+        work_share = beside_contact.refresh.work_share(rows)
+        if work_share.min() < MIN_WORK_SHARE:
+            free_by_flags = rows[is_free] if is_free.any() else None
+            return judged._replace(rows=free_by_flags, led_work_share=work_share)
         free_rows = rows[beside_contact.is_free]
         if self._mostly_free() and beside_contact.is_free.mean() > UNTOUCHED_SHARE:
             return judged._replace(rows=free_rows)
@@ -386,18 +398,20 @@ class FrictionMonitor:
         """
         if model is None or not self._model.provenance.logs:
             return []
+        names = self._model.joint_names
+        led_work_share = self._judge().led_work_share
+        led = [] if led_work_share is None else [_led_sentence(led_work_share, names)]
         disagreements = self.disagreements()
         if not disagreements:
-            return []
-        names = self._model.joint_names
+            return led
         if is_fitted_on_log:
             joints = ", ".join(names[joint.joint] for joint in disagreements)
             sentence = (
                 f"the model was fitted on this log, yet its friction law does not hold for {joints}"
                 "; identify it with --friction best, or from more logs"
             )
-            return [sentence, *self._allowance("", allowed_drift)]
-        sentences = [joint.sentence(names) for joint in disagreements]
+            return [*led, sentence, *self._allowance("", allowed_drift)]
+        sentences = led + [joint.sentence(names) for joint in disagreements]
         sentences.append(f"refresh the model's friction: `{self._command(log, robot, model)}`")
         if allowed_drift is not None:
             return sentences + self._allowance("until then ", allowed_drift)
@@ -445,3 +459,18 @@ class FrictionMonitor:
             f"{introduction}the stated band includes the friction drift of the contact-free "
             f"stretches: {drift}"
         ]
+
+
+def _led_sentence(work_share: Array, joint_names: Sequence[str]) -> str:
+    """Says that a force follows the arm's motion, and what else would look like it.
+
+    Args:
+        work_share: (n,) as `_JudgedRows.led_work_share`.
+    """
+    j = int(np.argmin(work_share))
+    return (
+        "the force at the tool acts along the arm's motion, as a hand does that leads it; it is "
+        f"read as a force. Friction of {joint_names[j]} that had fallen to "
+        f"{100.0 * max(work_share[j], 0.0):.0f} % of the model's would look the same: if nothing "
+        "touched the arm, identify it again"
+    )

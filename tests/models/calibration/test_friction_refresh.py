@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.calibration import residual_noise
-from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
+from wrenchsight.models.calibration.friction_refresh import (
+    FrictionDrift,
+    FrictionRefresh,
+    refresh_friction,
+)
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 
@@ -113,6 +117,16 @@ def test_before_and_after_are_the_laws_coefficients():
     np.testing.assert_allclose(coefficients_after - coefficients_before, refresh.change)
     np.testing.assert_allclose(refresh.standard_errors, refresh.change / refresh.standard_deviation)
     assert refresh.standard_errors[0, 1] > 3.0
+
+
+def test_the_work_of_friction_is_a_share_of_the_models():
+    rows = quiet_rows()
+    shares = np.array([-0.5, 0.2])  # half of the friction is gone; a fifth has come
+    change = np.stack([shares * LAW.coulomb, shares * LAW.viscous, np.ones(2)], axis=1)
+    refresh = FrictionRefresh(LAW, change, np.zeros((2, 3, 3)), np.ones((2, 3)), np.ones(2))
+    np.testing.assert_allclose(refresh.work_share(rows), [0.5, 1.2], rtol=1e-12)  # rounding
+    at_rest = replace(rows, v=np.zeros_like(rows.v))
+    np.testing.assert_array_equal(refresh.work_share(at_rest), 1.0)
 
 
 def test_a_frictionless_model_has_a_prior_of_its_residual():

@@ -215,6 +215,31 @@ def test_the_band_of_a_free_log_lies_about_todays_friction_where_drift_reads_as_
     assert mostly_flagged.drifts()[2] < 0.3 * hardly_flagged.drifts()[2]
 
 
+def led(model, sts, work_share):
+    """All joints are led for most of a log, by a hand that leaves drives a share of friction."""
+    t, q, v, noise = signals(sts)
+    friction = 5.0 * np.sign(v) + 10.0 * v
+    is_led = (t > 8.0) & (t < 34.0)
+    hand = (1.0 - work_share) * friction * is_led[:, None]
+    tau_ext = noise + lfilter([1.0 - KEEP], [1.0, -KEEP], hand, axis=0)
+    return monitored(model, sts, t, q, v, tau_ext, ~is_led)
+
+
+def test_a_hand_that_leads_the_arm_is_no_drift_of_friction(sts, model):
+    """It pushes along the motion: as drift, less than half of friction would be left."""
+    monitor = led(model, sts, work_share=0.2)
+    (sentence,) = monitor.sentences("log.csv", "r", "model.yaml")
+    assert "as a hand does that leads it" in sentence
+    assert monitor.refreshed() is None
+    assert monitor.drifts() is None
+
+
+def test_friction_that_has_fallen_by_a_third_is_drift(sts, model):
+    monitor = led(model, sts, work_share=0.67)
+    assert not any("a hand" in text for text in monitor.sentences("log.csv", "r", "model.yaml"))
+    assert monitor.refreshed() is not None
+
+
 def test_a_model_without_logs_is_not_judged(sts, model):
     t, q, v, noise = signals(sts)
     assumed = replace(model, provenance=Provenance())
