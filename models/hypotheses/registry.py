@@ -15,6 +15,7 @@ from wrenchsight.models.hypotheses import (
     joint_time,
     joint_zero,
     lasting_force,
+    led_arm,
     position_of_links,
     position_order,
     position_unit,
@@ -46,5 +47,6 @@ HYPOTHESES: dict[str, Callable[[Case], Explanation | None]] = {
         unsigned_effort,
         friction_drift,
         lasting_force,
+        led_arm,
     )
 }
