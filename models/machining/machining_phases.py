@@ -9,8 +9,8 @@
     RETREAT   instead of all that: out along the normal, fast; then DONE. Its reason is the fault
 
 The state is one record, so that a controller of any kind can hold it, and the numbers of a
-PhasesConfig are one as well (`table`), for the kernels. All times are of the controller; the force
-is that of its force feedback, positive out of the surface.
+PhasesConfig are one as well (`constants`), for the kernels. All times are of the controller; the
+force is that of its force feedback, positive out of the surface.
 """
 
 from dataclasses import dataclass

@@ -104,7 +104,7 @@ SHRINKAGE_SDS = 2.0  # sd, below which an entry of M beside the diagonal counts 
 _MIN_ACCELERATION = 1e-3  # rad/s^2, below which a joint does not accelerate
 _LEAST_ADDED = 0.25  # sd, first added to the diagonal where M is not positive definite
 _MAX_DOUBLINGS = 30  # of it: only a bound of the loop
-# Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
+# Factors of a joint's mean amplitude, of the rows of `TrackedVibration.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
 _NEAR_LARGER, _NEAR_SMALLER, _FAR_LARGER, _FAR_SMALLER = range(_NUM_STEPS)  # entries of _STEPS
@@ -165,9 +165,35 @@ def vibration_constants(estimator: WrenchEstimator) -> VibrationConstants:
     )
 
 
-def initial_tracked(num_joints: int) -> Array:
-    """The state of `track_vibration` before the first tick, flat: nothing is known."""
-    return np.zeros((1 + NUM_HYPOTHESES) * (1 + num_joints) + (_NUM_STEPS + 2) * num_joints)
+class TrackedVibration(NamedTuple):
+    """The state of `track_vibration`.
+
+    Attributes:
+        evidence: (m,) summed log-likelihood of each hypothesis.
+        freed: (n, m) N m, what it takes off each joint, low-passed as all below.
+        steps: (4, n) N m, what is taken off where the joint's mean amplitude is NEAR_FACTOR larger,
+            smaller, DEPARTED_FACTOR larger, smaller.
+        departed: (n,) 0 to 1, departure from the plan.
+        correction_sd: (n,) N m.
+    """
+
+    evidence: Array
+    freed: Array
+    steps: Array
+    departed: Array
+    correction_sd: Array
+
+
+def initial_tracked(num_joints: int) -> TrackedVibration:
+    """The state before the first tick: nothing is known."""
+    n, m = num_joints, 1 + NUM_HYPOTHESES
+    return TrackedVibration(
+        evidence=np.zeros(m),
+        freed=np.zeros((n, m)),
+        steps=np.zeros((_NUM_STEPS, n)),
+        departed=np.zeros(n),
+        correction_sd=np.zeros(n),
+    )
 
 
 def hypotheses(num_joints: int) -> tuple[Array, Array]:
@@ -254,8 +280,10 @@ def _shares(factor: Array, J: Array, normal: Array, out: Array) -> None:
 
 
 @kernel
-def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) -> None:
-    """Writes the signed shares of an identified M and their sd, (2n,) rad/m.
+def expected_shares(
+    M: Array, sd: Array, J: Array, normal: Array, shares: Array, shares_sd: Array
+) -> None:
+    """Writes the signed shares of an identified M and their sd, (n,) rad/m each.
 
     An entry beside the diagonal is multiplied by 1 - (SHRINKAGE_SDS sd / M)^4, at the least by 0
     (the garrote of Breiman 1995 has the second power, which takes a sixth of an entry that is five
@@ -273,12 +301,12 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
         M: (n, n) kg m^2, as identified.
         sd: (n, n) of its entries, `inertia_sd`.
         J, normal: as of `vibration_shares`.
-        out: (2n,), shares, then their sd; all 0 where no M that is positive definite is found, with
+        shares, shares_sd: (n,), written; all 0 where no M that is positive definite is found, with
             which nothing is taken off.
     """
     n = M.shape[0]
     factor, column, added = np.empty((n, n)), np.empty(n), 0.0
-    out[:] = 0.0
+    shares[:], shares_sd[:] = 0.0, 0.0
     for _ in range(_MAX_DOUBLINGS):
         for i in range(n):
             for j in range(i):
@@ -292,18 +320,18 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
         added = 2.0 * added if added > 0.0 else _LEAST_ADDED
     else:  # no factor was found
         return
-    _shares(factor, J, normal, out[:n])
+    _shares(factor, J, normal, shares)
     for i in range(n):
         column[:] = 0.0
         column[i] = 1.0
         solve_factorised(factor, n, column)  # (M^-1)_ji of all j
         row_variance = 0.0  # sum_k sd_ik^2 share_k^2
         for k in range(n):
-            row_variance += (sd[i, k] * out[k]) ** 2
+            row_variance += (sd[i, k] * shares[k]) ** 2
         for j in range(n):
-            out[n + j] += column[j] ** 2 * row_variance
+            shares_sd[j] += column[j] ** 2 * row_variance  # the variance yet
     for j in range(n):
-        out[n + j] = math.sqrt(out[n + j])  # until here the variance
+        shares_sd[j] = math.sqrt(shares_sd[j])
 
 
 @kernel
@@ -313,33 +341,6 @@ def held_share(v: float, amplitude: float) -> float:
     if not speed < amplitude:
         return 1.0
     return 2.0 / math.pi * math.asin(speed / amplitude)
-
-
-class _Tracked(NamedTuple):
-    """The parts of the state of `track_vibration`, as views.
-
-    Attributes:
-        evidence: (m,) summed log-likelihood of each hypothesis.
-        freed: (n, m) N m, what it takes off each joint, low-passed as all below.
-        steps: (4, n) N m, what is taken off where the joint's mean amplitude is NEAR_FACTOR larger,
-            smaller, DEPARTED_FACTOR larger, smaller.
-        departed: (n,) 0 to 1, departure from the plan.
-        correction_sd: (n,) N m.
-    """
-
-    evidence: Array
-    freed: Array
-    steps: Array
-    departed: Array
-    correction_sd: Array
-
-
-@kernel
-def _tracked(state: Array, m: int, n: int) -> _Tracked:
-    end = m + m * n
-    steps = state[end : end + _NUM_STEPS * n].reshape(_NUM_STEPS, n)
-    departed, correction_sd = state[end + _NUM_STEPS * n :].reshape(2, n)
-    return _Tracked(state[:m], state[m:end].reshape(n, m), steps, departed, correction_sd)
 
 
 @kernel
@@ -354,7 +355,7 @@ def _weigh(evidence: Array, weights: Array) -> None:
 
 
 @kernel
-def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) -> float:
+def freed_friction(amplitudes: Array, tracked: TrackedVibration, torque: Array, sd: Array) -> float:
     """Writes the friction that the tool frees; returns the tool's mean amplitude, m/s.
 
     The torque is the mean over m hypotheses on the tool's amplitude, weighted by their evidence.
@@ -364,14 +365,14 @@ def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) ->
 
     Args:
         amplitudes: (m,) m/s, of the hypotheses.
-        state: of `track_vibration`, read only.
+        tracked: read only.
         torque: (n,) N m, written; to be taken off tau_ext.
         sd: (n,) N m, of it and of the correction, written.
     """
     m, n = amplitudes.shape[0], torque.shape[0]
-    evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
+    freed, steps, departed = tracked.freed, tracked.steps, tracked.departed
     weights = np.empty(m)
-    _weigh(evidence, weights)
+    _weigh(tracked.evidence, weights)
     amplitude = 0.0
     for h in range(m):
         amplitude += weights[h] * amplitudes[h]
@@ -386,7 +387,7 @@ def freed_friction(amplitudes: Array, state: Array, torque: Array, sd: Array) ->
         far = 0.5 * (steps[_FAR_LARGER, i] - steps[_FAR_SMALLER, i])
         of_amplitude = near + departed[i] * (far - near)
         torque[i] = mean
-        sd[i] = math.sqrt(correction_sd[i] ** 2 + of_amplitude**2 + scatter)
+        sd[i] = math.sqrt(tracked.correction_sd[i] ** 2 + of_amplitude**2 + scatter)
     return amplitude
 
 
@@ -417,7 +418,7 @@ class WorkTick(NamedTuple):
     Attributes:
         correction: of an air pass: friction without the process that the law does not describe.
         v_planned: (n,) rad/s.
-        shares: (2n,) of `expected_shares`.
+        shares, shares_sd: (n,) rad/m, of `expected_shares`.
         touches: whether the tool touches the workpiece; else nothing is freed.
         works: whether it is led along its path; else a reading is no evidence.
     """
@@ -425,6 +426,7 @@ class WorkTick(NamedTuple):
     correction: CorrectionSample
     v_planned: Array
     shares: Array
+    shares_sd: Array
     touches: bool
     works: bool
 
@@ -435,7 +437,7 @@ def track_vibration(
     terms: Record,
     observed: ObservedTorque,
     work: WorkTick,
-    state: Array,
+    tracked: TrackedVibration,
 ) -> None:
     """Takes a tick's reading into the state.
 
@@ -450,13 +452,13 @@ def track_vibration(
         terms: of `terms_type`, at the sample: J and v are read.
         observed: torque at the same tick.
         work: at the same tick.
-        state: of `initial_tracked`, changed.
+        tracked: the state, changed.
     """
     v, tau_f = plain(terms[0].v), observed.tau_f
     if not (all_below(v, np.inf) and all_below(tau_f, np.inf)):
         return
-    m, n = constants.amplitudes.shape[0], v.shape[0]
-    tracked, error_variance = _tracked(state, m, n), np.empty(n)
+    n = v.shape[0]
+    error_variance = np.empty(n)
     for i in range(n):
         # Without freed_sd, which is the hypotheses' own spread. The correction's sd stays in: it
         # limits what the torque can show.
@@ -473,7 +475,7 @@ def track_vibration(
 
 @kernel
 def _free_friction(
-    constants: VibrationConstants, v: Array, tau_f: Array, work: WorkTick, tracked: _Tracked
+    constants: VibrationConstants, v: Array, tau_f: Array, work: WorkTick, tracked: TrackedVibration
 ) -> None:
     """Takes a tick into all of `tracked` but the evidence.
 
@@ -496,7 +498,7 @@ def _free_friction(
     _weigh(tracked.evidence, weights)
     for i in range(n):
         share = shares[i]
-        share_sd = math.hypot(shares[n + i], FREE_MASS * share)
+        share_sd = math.hypot(work.shares_sd[i], FREE_MASS * share)
         pole = constants.poles[i]
         # Of the law without its viscous part and of the correction: what the process may free.
         dry = tau_f[i] - constants.viscous[i] * v[i] + correction.correction[i]
@@ -521,7 +523,7 @@ def _take_evidence(
     J: Array,
     observed: ObservedTorque,
     error_variance: Array,
-    tracked: _Tracked,
+    tracked: TrackedVibration,
 ) -> None:
     """Adds the log-likelihood of each hypothesis to the evidence, which fades meanwhile.
 

@@ -10,6 +10,7 @@ from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.machining_phases import force_controlled
 from wrenchsight.models.machining.tool_vibration import (
     ObservedTorque,
+    TrackedVibration,
     VibrationConstants,
     WorkTick,
     expected_shares,
@@ -67,7 +68,7 @@ class ToolVibrationTracker(SampledBlock):
               No output feeds through from the estimator's signals, so that its tau_ext may be
               corrected by them; joint_shares do from terms and pose_reference
     State:    memory, which `take_sample` updates at each tick: the evidence so far,
-              `models.machining.tool_vibration.initial_tracked`
+              `models.machining.tool_vibration.TrackedVibration`
 
     Args:
         constants: of one estimator, `vibration_constants`.
@@ -86,7 +87,7 @@ class ToolVibrationTracker(SampledBlock):
             "freed_torque": n,
             "freed_sd": n,
             "joint_shares": n,
-            "joint_shares_sd": n,  # next to joint_shares: `_shares` is a view of the two
+            "joint_shares_sd": n,
             "tool_vibration": 1,
         }
         # Where each output is in the port `all`: `_calc_all` fills the outputs by their names.
@@ -139,15 +140,17 @@ class ToolVibrationTracker(SampledBlock):
         )
         terms = terms_at(self._terms, context, self._n)
         normal = desired_pose(self._pose.Eval(context)).R_WD[:, 2]
-        # Writes joint_shares and joint_shares_sd.
-        expected_shares(terms.M, constants.inertia_sd, terms.J, normal, self._shares(out))
+        # Writes the last two arguments.
+        expected_shares(
+            terms.M,
+            constants.inertia_sd,
+            terms.J,
+            normal,
+            out[slices["joint_shares"]],
+            out[slices["joint_shares_sd"]],
+        )
 
-    def _shares(self, outputs: Array) -> Array:
-        """(2n,) joint_shares, then joint_shares_sd: a view of all outputs."""
-        slices = self._slices
-        return outputs[slices["joint_shares"].start : slices["joint_shares_sd"].stop]
-
-    def take_sample(self, context: Context, memory: Array) -> Sequence[Array]:
+    def take_sample(self, context: Context, memory: TrackedVibration) -> Sequence[Array]:
         # This tick's, of the memory before it: `context` does not see what `memory` becomes here.
         outputs = self._all_outputs.Eval(context)
         observed = self._observed_torque(context, outputs)
@@ -185,7 +188,8 @@ class ToolVibrationTracker(SampledBlock):
         return WorkTick(
             correction=air_pass,
             v_planned=self._reference.Eval(context)[n : 2 * n],  # of q_d, v_d, vdot_d
-            shares=self._shares(outputs),  # joint_shares, then their sds
+            shares=outputs[self._slices["joint_shares"]],
+            shares_sd=outputs[self._slices["joint_shares_sd"]],
             touches=force_controlled(int(phase)),  # the tool is on the surface
             works=feed_time >= 0.0,  # the tool is led along its path; feed_time is -1 where not
         )

@@ -204,11 +204,11 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         assert touched < np.argmax(time >= 0.0)
         assert not signals["freed_sd"][: touched + 1].any()
         assert signals["freed_torque"][touched + 10 :].any()
-        shares = np.empty(12)
+        shares, shares_sd = np.empty((2, 6))
         normal = parts["pose_reference"][:9].reshape(3, 3)[:, 2]
-        expected_shares(terms.M, inertia_sd(reads), terms.J, normal, shares)
-        np.testing.assert_array_equal(parts["joint_shares"], shares[:6])
-        np.testing.assert_array_equal(parts["joint_shares_sd"], shares[6:])
+        expected_shares(terms.M, inertia_sd(reads), terms.J, normal, shares, shares_sd)
+        np.testing.assert_array_equal(parts["joint_shares"], shares)
+        np.testing.assert_array_equal(parts["joint_shares_sd"], shares_sd)
         correction -= signals["freed_torque"]
         planned = signals["reference"][:, 6:12]
         given = Correction(correction, planned, counts, signals["freed_sd"])

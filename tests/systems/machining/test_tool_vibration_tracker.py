@@ -65,14 +65,14 @@ def test_two_ticks_are_those_of_the_kernels(sts, constants, phase):
         for name, value in values.items():
             block.GetInputPort(name).FixValue(context, value)
         context.SetTime(k * T)
-        torque, sd, shares = np.empty(N), np.empty(N), np.empty(2 * N)
+        torque, sd, shares, shares_sd = np.empty((4, N))
         amplitude = freed_friction(constants.amplitudes, state, torque, sd)
-        expected_shares(terms.M, constants.inertia_sd, terms.J, pose[2:9:3], shares)
+        expected_shares(terms.M, constants.inertia_sd, terms.J, pose[2:9:3], shares, shares_sd)
         expected = {
             "freed_torque": torque,
             "freed_sd": sd,
-            "joint_shares": shares[:N],
-            "joint_shares_sd": shares[N:],
+            "joint_shares": shares,
+            "joint_shares_sd": shares_sd,
             "tool_vibration": [amplitude],
         }
         counts, fault = np.ones(1), np.zeros(1)
@@ -81,17 +81,19 @@ def test_two_ticks_are_those_of_the_kernels(sts, constants, phase):
             CorrectionSample(correction, spread, counts),
             reference[N : 2 * N],
             shares,
+            shares_sd,
             touches=phase != Phase.LIFT,
             works=phase == Phase.WORK,
         )
         track_vibration(constants, terms.record, observed, work, state)
-        np.testing.assert_array_equal(memory_after_tick(block, context), state)
+        after = np.concatenate([part.ravel() for part in state])
+        np.testing.assert_array_equal(memory_after_tick(block, context), after)
         take_tick(block, context)
         context.SetTime((k + 0.5) * T)
         block.GetInputPort("pose_reference").FixValue(context, np.zeros(18))  # held: not read
         for name, value in expected.items():
             np.testing.assert_array_equal(block.GetOutputPort(name).Eval(context), value, name)
-    assert state[0] == 0.0 if phase != Phase.WORK else state[0] < 0.0
+    assert state.evidence[0] == 0.0 if phase != Phase.WORK else state.evidence[0] < 0.0
 
 
 def test_no_output_feeds_through_from_what_the_estimator_says(constants):
