@@ -1,8 +1,9 @@
 """Kernels of a fixed-interval smoother: a Kalman filter forward, its adjoint backward.
 
 The equations are those of `models.estimation.smoothing`. z = [p, F, x, beta] of size M = 3 n + 6
-has the states of `models.observers.kalman_observer`, and beta. Where F may change, its noise grows.
-The adjoint gives the evidence for such a change (`models.observers.force_changes`).
+has the states of `models.observers.kalman_observer`, and beta, in their `state_places`. Where F may
+change, its noise grows. The adjoint gives the evidence for such a change
+(`models.observers.force_changes`).
 
 A torque d(t) of one joint that the model does not have changes the reading by some dF(t). Both
 passes are linear in the samples, and the gains do not depend on them. So dF follows from the same
@@ -33,6 +34,7 @@ from wrenchsight.models.observers.kalman_kernels import (
     fade,
     renew,
     sample_momentum,
+    state_places,
 )
 from wrenchsight.models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
 
@@ -115,15 +117,16 @@ def _step_matrix(t: KalmanTable, drift_decay: float, J: Array, period: Array, A:
     They are the first n rows beyond p, and the diagonal of F and beta.
     """
     n = J.shape[1]
+    at = state_places(n)
     T = t.numbers[PERIOD]
     for i in range(n):
         for a in range(6):
-            A[i, n + a] = T * J[a, i]
-        A[i, n + 6 + i] = T * period[_SMOOTH, i]
-        A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
-        A[2 * n + 6 + i, 2 * n + 6 + i] = drift_decay
+            A[i, at.force + a] = T * J[a, i]
+        A[i, at.smooth + i] = T * period[_SMOOTH, i]
+        A[i, at.slow + i] = T * period[_SLOW, i]
+        A[at.slow + i, at.slow + i] = drift_decay
     for a in range(6):
-        A[n + a, n + a] = t.sixes[DECAY_F, a]
+        A[at.force + a, at.force + a] = t.sixes[DECAY_F, a]
 
 
 @kernel
@@ -132,8 +135,6 @@ def forward_log(
 ) -> None:
     """Runs the filter over N samples.
 
-    The state z of M = 3 n + 6 numbers, with its covariance P, is [p (n), F (6), x (n), beta (n)]:
-    momentum, wrench on the robot at E (rotation first), smooth and slow part of the torque error.
     A sample that is not finite, or the first after a period that is not known (`state.running`),
     is not measured: it starts the momentum anew.
 
@@ -148,7 +149,8 @@ def forward_log(
     z, P, running, period = state.z, state.P, state.running, log.period
     drift_decay = model.drift_decay
     N, _, n = signals.shape
-    M = 3 * n + 6
+    at = state_places(n)
+    M = at.end
     t = model.table
     sixes, rounding, T = t.sixes, t.joints[ROUND], t.numbers[PERIOD]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)  # factor of S, gain, step over a period
@@ -186,10 +188,10 @@ def forward_log(
             _congruent(A, n, P)  # P <- A P A^T, all of it
             for i in range(n):
                 P[i, i] += white[i]
-                P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
+                P[at.slow + i, at.slow + i] += 1.0 - drift_decay * drift_decay
         # Of a period that is not known, too: F goes on changing.
         for a in range(6):
-            P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
+            P[at.force + a, at.force + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
 
 
 @kernel
@@ -286,9 +288,9 @@ def backward_log(
 ) -> None:
     """Estimates the wrench of the first samples from all N of `forward_log`.
 
-    Backward goes the adjoint of the filter's state z = [p (n), F (6), x (n), beta (n)], M = 3 n + 6
-    numbers: lambda (M,) and Lambda (M, M) are what the samples from k on say of z before sample k,
-    and z - P lambda, P - P Lambda P what all samples say of it.
+    Backward goes the adjoint of the filter's state z: lambda (M,) and Lambda (M, M) are what the
+    samples from k on say of z before sample k, and z - P lambda, P - P Lambda P what all samples
+    say of it.
 
     Args:
         model, log: of `forward_log`, over the same N samples.
@@ -297,7 +299,7 @@ def backward_log(
     """
     period, kinds = log.period, log.kinds
     N, _, n = period.shape
-    M = 3 * n + 6
+    M = state_places(n).end
     t = model.table
     rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
@@ -410,7 +412,7 @@ def response_log(
         response: (num_ready, 6, C n), written: dF; num_ready is at most N.
     """
     N, num_ready, n = len(log.kinds), len(response), log.period.shape[2]
-    errors = np.empty((N, n + 6, error.shape[1]))
+    errors = np.empty((N, state_places(n).smooth, error.shape[1]))  # of momentum and F
     _forward_response(model, log, torque, error, num_ready, errors)
     _backward_response(model, log, errors, response)
 
@@ -429,9 +431,9 @@ def _forward_response(
         dz <- dz - K dp                 a sample is measured; dp is dz's momentum
         dz <- A dz - T torque           a period goes by
 
-    dz is of the state [p (n), F (6), x (n), beta (n)], M = 3 n + 6 numbers. A column, or case, is
-    the torque of one joint alone. The steps are those of `forward_log` on z, in its order: x
-    fades, the rows of A are added, then comes A's diagonal. A restart leaves no error of p.
+    A column of dz, or case, is the torque of one joint alone. The steps are those of `forward_log`
+    on z, in its order: x fades, the rows of A are added, then comes A's diagonal. A restart leaves
+    no error of p.
 
     Args:
         model, log: of `forward_log`.
@@ -441,6 +443,7 @@ def _forward_response(
         errors: (N, n + 6, C n), written: momentum and F of dz before each sample.
     """
     N, _, n = log.period.shape
+    at = state_places(n)
     M, num_cases = error.shape
     table = model.table
     T, rounding = table.numbers[PERIOD], table.joints[ROUND]
@@ -449,7 +452,7 @@ def _forward_response(
     for k in range(N):
         if k == num_ready:
             error[:] = dz
-        errors[k] = dz[: n + 6]
+        errors[k] = dz[: at.smooth]
         if log.kinds[k, _MEASURED]:
             _gain(log.P[k], rounding, L, K)
             for a in range(M):
@@ -460,7 +463,7 @@ def _forward_response(
             dz[:n] = 0.0
         if log.kinds[k, _KNOWN]:
             for i in range(n):
-                dz[n + 6 + i] *= log.period[k, _DECAY, i]
+                dz[at.smooth + i] *= log.period[k, _DECAY, i]
             _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
             _add_rows(A, n, dz)
             for case in range(num_cases):
@@ -497,6 +500,7 @@ def _backward_response(
         response: (num_ready, 6, C n), written: dF; num_ready is at most N.
     """
     N, _, n = log.period.shape
+    at = state_places(n)
     M, num_cases = log.P.shape[1], errors.shape[2]
     table = model.table
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
@@ -508,7 +512,7 @@ def _backward_response(
             _step_matrix(table, model.drift_decay, model.J[k], log.period[k], A)
             _transposed(A, n, vectors)
             for i in range(n):
-                vectors[n + 6 + i] *= log.period[k, _DECAY, i]
+                vectors[at.smooth + i] *= log.period[k, _DECAY, i]
         if log.kinds[k, _MEASURED]:
             _gain(log.P[k], table.joints[ROUND], L, K)
             for case in range(num_cases):
@@ -522,10 +526,10 @@ def _backward_response(
             vectors[:n] = 0.0
         if k < len(response):
             for a in range(6):
-                response[k, a] = errors[k, n + a]
+                response[k, a] = errors[k, at.force + a]
                 for b in range(M):
                     for case in range(num_cases):
-                        response[k, a, case] -= log.P[k, n + a, b] * vectors[b, case]
+                        response[k, a, case] -= log.P[k, at.force + a, b] * vectors[b, case]
 
 
 @kernel
@@ -542,19 +546,19 @@ def _weigh_change(adjoint: _Adjoint, jump: Array, n: int, evidence: Array) -> No
     what follows from it.
 
     Args:
-        adjoint: of the later samples, read only; its first n entries are those of the momentum p,
-            the next six those of F.
+        adjoint: of the later samples, read only.
         jump: (6,) variances.
         n: number of joints.
         evidence: (NUM_EVIDENCE,), written.
     """
     vector, matrix = adjoint.vector, adjoint.matrix
+    F = state_places(n).force
     evidence[:] = 0.0
     L, force = np.empty((6, 6)), np.empty(6)  # 1 + S, then its factor; d, then whitened by it
     for a in range(6):
-        force[a] = np.sqrt(jump[a]) * vector[n + a]
+        force[a] = np.sqrt(jump[a]) * vector[F + a]
         for b in range(a + 1):
-            L[a, b] = np.sqrt(jump[a] * jump[b]) * matrix[n + a, n + b]
+            L[a, b] = np.sqrt(jump[a] * jump[b]) * matrix[F + a, F + b]
         L[a, a] += 1.0
     # No pivot of 1 + S is below 1 but by rounding, of which 0.5 is too much.
     if factorise_in_place(L, 6, 0.5):
@@ -587,20 +591,20 @@ def _smoothed(z: Array, P: Array, adjoint: _Adjoint, wrench: Array, covariance: 
     """Writes F and its covariance given all samples, from the prediction and the adjoint."""
     vector, matrix = adjoint.vector, adjoint.matrix
     M = z.shape[0]
-    n = (M - 6) // 3
+    F = state_places((M - 6) // 3).force
     half = np.empty((6, M))
     for a in range(6):
-        total = z[n + a]
+        total = z[F + a]
         for b in range(M):
-            total -= P[n + a, b] * vector[b]
+            total -= P[F + a, b] * vector[b]
             half[a, b] = 0.0
             for c in range(M):
-                half[a, b] += P[n + a, c] * matrix[c, b]
+                half[a, b] += P[F + a, c] * matrix[c, b]
         wrench[a] = total
     for a in range(6):
         for b in range(a + 1):
-            total = P[n + a, n + b]
+            total = P[F + a, F + b]
             for c in range(M):
-                total -= half[a, c] * P[c, n + b]
+                total -= half[a, c] * P[c, F + b]
             covariance[a, b] = total
             covariance[b, a] = total

@@ -47,7 +47,13 @@ from wrenchsight.models.observers.fixed_interval import (
     forward_log,
     response_log,
 )
-from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, KalmanTable
+from wrenchsight.models.observers.kalman_kernels import (
+    JUMP_F,
+    PERIOD,
+    START_F,
+    KalmanTable,
+    state_places,
+)
 from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
 from wrenchsight.models.observers.observer import V
 
@@ -98,8 +104,12 @@ class ProportionalError(NamedTuple):
 
 def _copied(state: FilterState) -> FilterState:
     """A copy of the state, which the next sample does not change."""
-    z, P, running, previous_smooth = state
-    return FilterState(z.copy(), P.copy(), running.copy(), previous_smooth.copy())
+    return FilterState(
+        z=state.z.copy(),
+        P=state.P.copy(),
+        running=state.running.copy(),
+        previous_smooth=state.previous_smooth.copy(),
+    )
 
 
 class IntervalSmoother:
@@ -120,7 +130,7 @@ class IntervalSmoother:
         proportional: ProportionalError | None = None,
     ) -> None:
         n = num_joints
-        M = 3 * n + 6
+        M = state_places(n).end
         numbers, sixes = table.numbers, table.sixes
         z, P = np.zeros(M), np.zeros((M, M))
         P[range(n, M), range(n, M)] = np.concatenate([sixes[START_F], np.ones(2 * n)])
@@ -159,10 +169,10 @@ class IntervalSmoother:
 
     def _proportional_covariance(self, signals: Array, J: Array, reading: IntervalReading) -> Array:
         """Covariance (K, 6, 6) from the errors in proportion to what is read; or zero."""
-        K, n = len(reading.wrench), J.shape[2]
+        K, at = len(reading.wrench), state_places(J.shape[2])
         if self._proportional is None:
             return np.zeros((K, 6, 6))
-        wrench = reading.log.z[:, n : n + 6].copy()  # beyond K: not smoothed yet
+        wrench = reading.log.z[:, at.force : at.force + 6].copy()  # beyond K: not smoothed yet
         wrench[:K] = reading.wrench
         tau_read = np.einsum("kai,ka->ki", J, wrench)
         tau_against = -np.sign(signals[:, V]) * np.abs(tau_read)
@@ -189,7 +199,7 @@ class IntervalSmoother:
             from which the next stretch starts.
         """
         N, _, n = signals.shape
-        M = 3 * n + 6
+        M = state_places(n).end
         log = FilterLog(
             z=np.empty((N, M)),
             P=np.empty((N, M, M)),

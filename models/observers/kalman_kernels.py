@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array, Flags
-from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.kernel import in_kernels, kernel
 from wrenchsight.models.numerics.small_matrices import (
     factorise_with_floor,
     solve_factorised,
@@ -63,6 +63,32 @@ _PHASE, _NUM_MEASURED = 0, 1
 _LOST_STATUS, _RUNNING_STATUS = 0.0, 1.0
 
 
+class StatePlaces(NamedTuple):
+    """Where the parts of the filters' state begin; rows and columns of its covariance alike.
+
+    The state is [p, F, x] in the observer and [p, F, x, beta] in the smoother
+    (`models.observers.fixed_interval`): p is the momentum of n joints, entries 0 to n - 1.
+
+    Attributes:
+        force: of F (6), the wrench on the robot at E, rotation first.
+        smooth: of x (n), the smooth part of the torque error, of sd 1.
+        slow: of beta (n), its slow part, of sd 1; so the size of the observer's state.
+        end: the size of the smoother's state.
+    """
+
+    force: int
+    smooth: int
+    slow: int
+    end: int
+
+
+@in_kernels
+def state_places(num_joints: int) -> StatePlaces:
+    """The places in a state of n joints."""
+    n = num_joints
+    return StatePlaces(force=n, smooth=n + 6, slow=2 * n + 6, end=3 * n + 6)
+
+
 class KalmanTable(NamedTuple):
     """The constants of the filter.
 
@@ -80,10 +106,7 @@ class KalmanTable(NamedTuple):
 
 
 class KalmanState(NamedTuple):
-    """The state of the filter, N = 2 n + 6 numbers in the order [p, F, x].
-
-    p: entries 0 to n - 1, momentum; F: n to n + 5, wrench on the robot at E, rotation first;
-    x: n + 6 to 2 n + 5, smooth part of the torque error, of sd 1.
+    """The state of the filter, N = 2 n + 6 numbers [p, F, x] in their `state_places`.
 
     It is that before a sample, and `_take_sample` leaves that before the next one, with its gain.
 
@@ -147,12 +170,13 @@ def _is_measured(numbers: Array, status: Array, signals: Array) -> bool:
 def _read_force(numbers: Array, s: KalmanState, signals: Array, wrench: Array) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
+    F = state_places(n).force
     is_measured = _is_measured(numbers, s.status, signals)
     for a in range(6):
-        wrench[a] = s.x[n + a]
+        wrench[a] = s.x[F + a]
         if is_measured:
             for i in range(n):
-                wrench[a] += s.gain[n + a, i] * (sample_momentum(numbers, signals, i) - s.x[i])
+                wrench[a] += s.gain[F + a, i] * (sample_momentum(numbers, signals, i) - s.x[i])
     return is_measured
 
 
@@ -206,31 +230,31 @@ def _wrench_after(
     into the state.
 
     Args:
-        table, state: the filter's, before the sample, whose gain the state holds already; F are
-            entries n to n + 5 of the state.
+        table, state: the filter's, before the sample, whose gain the state holds already.
         signals: (NUM_SIGNALS, n) of the sample; where it is not finite, F is as predicted.
         wrench, covariance: written.
     """
     n = signals.shape[1]
+    F = state_places(n).force
     gain, P, C, rounding = state.gain, state.P, state.C, table.joints[ROUND]
     is_measured = _read_force(table.numbers, state, signals, wrench)
     slow = np.empty((6, n))
     for a in range(6):
         for m in range(n):
-            total = C[n + a, m]
+            total = C[F + a, m]
             if is_measured:
                 for i in range(n):
-                    total -= gain[n + a, i] * C[i, m]
+                    total -= gain[F + a, i] * C[i, m]
             slow[a, m] = total
     for a in range(6):
         for b in range(a + 1):
-            total = P[n + a, n + b]
+            total = P[F + a, F + b]
             if is_measured:  # (1 - gain H) P (1 - gain H)^T + gain R gain^T
                 for i in range(n):
-                    total -= gain[n + a, i] * P[i, n + b] + gain[n + b, i] * P[n + a, i]
+                    total -= gain[F + a, i] * P[i, F + b] + gain[F + b, i] * P[F + a, i]
                     for k in range(n):
-                        total += gain[n + a, i] * gain[n + b, k] * P[i, k]
-                    total += gain[n + a, i] * gain[n + b, i] * rounding[i]
+                        total += gain[F + a, i] * gain[F + b, k] * P[i, k]
+                    total += gain[F + a, i] * gain[F + b, i] * rounding[i]
             for m in range(n):
                 total += slow[a, m] * slow[b, m]
             covariance[a, b] = total
@@ -248,11 +272,12 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
 
     Args:
         t: constants.
-        s: state before the sample, entries [p (n), F (6), x (n)]; changed to that before the next.
+        s: state before the sample; changed to that before the next.
         signals: (NUM_SIGNALS, n) of the sample.
         J: (6, n) of the sample.
     """
     n = signals.shape[1]
+    at = state_places(n)
     numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
     x, P, C, status = s.x, s.P, s.C, s.status
     arrived = np.empty(n)
@@ -286,14 +311,14 @@ def _take_sample(t: KalmanTable, s: KalmanState, signals: Array, J: Array) -> No
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
             x[i] += numbers[PERIOD] * u  # the modelled torque changes the momentum
             for m in range(n):
-                C[n + 6 + i, m] *= error.decay[i]
+                C[at.smooth + i, m] *= error.decay[i]
         renew(error.decay, t.mixing, x, P)
         _advance(t, s, J, error)
         _find_gain(s, rounding)
         status[_PHASE] = _RUNNING_STATUS
     else:
         for a in range(6):  # without a motion only time goes by
-            P[n + a, n + a] += sixes[NOISE_F, a]
+            P[at.force + a, at.force + a] += sixes[NOISE_F, a]
         status[_PHASE] = min(status[_PHASE], _LOST_STATUS) - 1.0  # less the samples lost so far
         if status[_PHASE] <= -numbers[SETTLED]:
             _begin(t, s)
@@ -309,6 +334,7 @@ def _doubt_prediction(t: KalmanTable, s: KalmanState, whitened: Array) -> None:
         whitened: (n,) innovation of the sample, of covariance 1 by the model.
     """
     numbers, P, n = t.numbers, s.P, whitened.shape[0]
+    at = state_places(n)
     square = 0.0
     for i in range(n):
         square += whitened[i] * whitened[i]
@@ -316,7 +342,7 @@ def _doubt_prediction(t: KalmanTable, s: KalmanState, whitened: Array) -> None:
         P *= min(square / numbers[GROSS], MOST_DOUBT)
     if _sum_innovations(numbers, s.sums, whitened) > numbers[CHANGED]:
         for a in range(6):
-            P[n + a, n + a] += t.sixes[JUMP_F, a]
+            P[at.force + a, at.force + a] += t.sixes[JUMP_F, a]
         s.sums[:] = 0.0
 
 
@@ -324,12 +350,13 @@ def _doubt_prediction(t: KalmanTable, s: KalmanState, whitened: Array) -> None:
 def _begin(t: KalmanTable, s: KalmanState) -> None:
     """Writes the state before a first sample, which reads no gain; the phase stays: not running."""
     n = t.mixing.shape[0]
+    at = state_places(n)
     s.x[:], s.P[:], s.C[:], s.sums[:], s.status[_NUM_MEASURED] = 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(6):
-        s.P[n + a, n + a] = t.sixes[START_F, a]
+        s.P[at.force + a, at.force + a] = t.sixes[START_F, a]
     for i in range(n):
         for j in range(n):
-            s.P[n + 6 + i, n + 6 + j] = t.mixing[i, j]
+            s.P[at.smooth + i, at.smooth + j] = t.mixing[i, j]
 
 
 @kernel
@@ -443,8 +470,9 @@ def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
 def fade(decay: Array, x: Array, P: Array) -> None:
     """Multiplies the error's smooth part in x, and in rows and columns of P, by a_x, in place."""
     n = decay.shape[0]
+    at = state_places(n)
     for i in range(n):
-        e = n + 6 + i
+        e = at.smooth + i
         x[e] *= decay[i]
         for b in range(P.shape[0]):
             P[e, b] *= decay[i]
@@ -456,11 +484,12 @@ def fade(decay: Array, x: Array, P: Array) -> None:
 def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
     """Renews the error's smooth part in x and P, in place: it fades by a_x, and gets its noise."""
     n = decay.shape[0]
+    at = state_places(n)
     fade(decay, x, P)
     for i in range(n):
         for j in range(n):
             variance = (1.0 - decay[i] * decay[i]) * (1.0 - decay[j] * decay[j])
-            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(variance)
+            P[at.smooth + i, at.smooth + j] += mixing[i, j] * np.sqrt(variance)
 
 
 @kernel
@@ -470,9 +499,6 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
     Before it `_take_sample` has added T u to the momentum, and faded and renewed the error's smooth
     part: here that part only acts on the momentum.
 
-    Order of the state, of rows and columns alike: momentum p (entries 0 to n - 1), wrench F (n to
-    n + 5), smooth part of the torque error (n + 6 to 2 n + 5).
-
     Args:
         t: constants.
         s: state, of which x (N,), P (N, N) and C (N, n) are changed.
@@ -481,11 +507,12 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
     """
     x, P, C, T = s.x, s.P, s.C, t.numbers[PERIOD]
     n = J.shape[1]
-    N = 2 * n + 6
+    at = state_places(n)
+    N = at.slow  # the size of the state
     # x <- A x, C <- A C and P <- A P. A is 1 but for the momentum's rows: over the period the
     # smooth part of the torque error and J^T F add to it, and to C its slow part.
     for i in range(n):
-        e = n + 6 + i
+        e = at.smooth + i
         T_smooth = T * error.smooth[i]
         x[i] += T_smooth * x[e]
         for b in range(N):
@@ -494,22 +521,22 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
             C[i, m] += T_smooth * C[e, m]
         for a in range(6):
             T_J = T * J[a, i]
-            x[i] += T_J * x[n + a]
+            x[i] += T_J * x[at.force + a]
             for b in range(N):
-                P[i, b] += T_J * P[n + a, b]
+                P[i, b] += T_J * P[at.force + a, b]
             for m in range(n):
-                C[i, m] += T_J * C[n + a, m]
+                C[i, m] += T_J * C[at.force + a, m]
         C[i, i] += T * error.slow[i]
     # P <- P A^T.
     for b in range(N):
         for i in range(n):
-            total = T * error.smooth[i] * P[b, n + 6 + i]
+            total = T * error.smooth[i] * P[b, at.smooth + i]
             for a in range(6):
-                total += T * J[a, i] * P[b, n + a]
+                total += T * J[a, i] * P[b, at.force + a]
             P[b, i] += total
     # The force forgets, in all rows and columns.
-    for a in range(n, n + 6):
-        factor = t.sixes[DECAY_F, a - n]
+    for a in range(at.force, at.force + 6):
+        factor = t.sixes[DECAY_F, a - at.force]
         x[a] *= factor
         for m in range(n):
             C[a, m] *= factor
@@ -521,7 +548,7 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
     for i in range(n):
         P[i, i] += error.white[i]
     for a in range(6):
-        P[n + a, n + a] += t.sixes[NOISE_F, a]
+        P[at.force + a, at.force + a] += t.sixes[NOISE_F, a]
     for a in range(N):
         for b in range(a):
             P[a, b] = 0.5 * (P[a, b] + P[b, a])

@@ -94,6 +94,7 @@ from wrenchsight.models.observers.kalman_kernels import (
     KalmanState,
     KalmanTable,
     observe_wrench,
+    state_places,
 )
 from wrenchsight.models.observers.observer import (
     TAU_EXT,
@@ -177,7 +178,7 @@ class KalmanObserver:
     def initial_state(self) -> KalmanState:
         """Returns the state before the first sample."""
         n = self.num_joints
-        N = 2 * n + 6
+        N = state_places(n).slow  # what stands before the smoother's slow part
         P = np.zeros((N, N))
         P[range(n, N), range(n, N)] = np.concatenate([self.table.sixes[START_F], np.ones(n)])
         return KalmanState(
