@@ -16,9 +16,11 @@ MIN_ODDS = 100.0
 def best_signs(num_joints: int, score: Callable[[Array], float], base_score: float) -> Array | None:
     """(n,) the likeliest signs, -1 where turned; None where no other signs than the log's are.
 
-    The search starts from the log's own signs or from all turned, whichever is better. All turned
-    is what a convention does: it is the result where no other signs are MIN_ODDS times likelier.
-    Else a joint is turned only where that makes the log MIN_ODDS times likelier.
+    Two searches start, from the log's own signs and from all turned: where masses are free, a log
+    with some signs wrong may fit better with all turned, and one joint after the other then leads
+    to the opposite of each true sign. All turned is what a convention does: it is the result where
+    no other signs are MIN_ODDS times likelier. Else a joint is turned only where that makes the log
+    MIN_ODDS times likelier.
 
     Args:
         num_joints: n.
@@ -28,12 +30,8 @@ def best_signs(num_joints: int, score: Callable[[Array], float], base_score: flo
     own_signs = np.ones(num_joints)
     all_score = score(-own_signs)
     starts = [(base_score, own_signs), (all_score, -own_signs)]
-    best_score, best = max(starts, key=lambda pair: pair[0])
-    for _ in range(num_joints):
-        trial_score, trial = _best_change(best, range(num_joints), score)
-        if trial_score <= best_score:
-            break
-        best_score, best = trial_score, trial
+    found = [_climbed(start, start_score, score) for start_score, start in starts]
+    best_score, best = max(found, key=lambda pair: pair[0])
     margin = math.log(MIN_ODDS)
     if all_score > base_score and best_score - all_score < margin:
         return -own_signs
@@ -45,6 +43,19 @@ def best_signs(num_joints: int, score: Callable[[Array], float], base_score: flo
             break
         best_score, best = trial_score, trial
     return None if (best > 0.0).all() else best
+
+
+def _climbed(
+    signs: Array, start_score: float, score: Callable[[Array], float]
+) -> tuple[float, Array]:
+    """The score and the signs at which no change of one sign is better, from a start."""
+    best_score, best = start_score, signs
+    for _ in range(len(signs)):
+        trial_score, trial = _best_change(best, range(len(signs)), score)
+        if trial_score <= best_score:
+            break
+        best_score, best = trial_score, trial
+    return best_score, best
 
 
 def _best_change(
