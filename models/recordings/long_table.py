@@ -99,9 +99,14 @@ def _long_columns(names: Sequence[str]) -> _LongColumns | None:
     values = [
         k
         for k, name in enumerate(names)
-        if names_quantity_alone(column_name(name)) and k not in times
+        if names_quantity_alone(column_name(_last_part(name))) and k not in times
     ]
     return _LongColumns([joint], times, values) if joint is not None and values else None
+
+
+def _last_part(name: str) -> str:
+    """The name of a column without the objects that hold it: state.position, msg/position."""
+    return re.split(r"[./](?=[^\W\d])", name)[-1]
 
 
 def _plain(name: str) -> str:
@@ -177,7 +182,7 @@ def _turned(
         by_joint = numbers.reshape(num_samples, len(joints))
         for j, joint in enumerate(joints):
             is_signal = len(columns.values) == 1 and _plain(names[column]) in _VALUE_WORDS
-            turned[joint if is_signal else f"{joint} {names[column]}"] = by_joint[:, j]
+            turned[joint if is_signal else f"{joint} {_last_part(names[column])}"] = by_joint[:, j]
     try:
         return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
     except (pa.ArrowException, OverflowError) as error:

@@ -163,8 +163,10 @@ class ParquetTable:
     def frame(self, num_rows: int | None = None) -> pd.DataFrame:
         """The rows, or the first ones, with their texts; one column for each of the table's names.
 
+        Lists of one entry in all rows are that entry.
+
         Raises:
-            InputError: the file is damaged; it has lists.
+            InputError: the file is damaged.
         """
         file = self._opened()
         names = [place.name for place in self._places]
@@ -176,7 +178,10 @@ class ParquetTable:
             raise self._damaged("near row 1", error) from error
         finally:
             file.close()
-        return table.select(names).slice(self._begin, self.num_rows).to_pandas()
+        rows = table.select(names).slice(self._begin, self.num_rows)
+        return pa.table(
+            [_single(rows.column(k)) for k in range(rows.num_columns)], names
+        ).to_pandas()
 
     def _words(self, rows: pa.RecordBatch, names: list[str]) -> Iterator[tuple[list[str], int]]:
         """The words of the rows of a batch, each once, with the number of its first row in it."""
@@ -390,6 +395,14 @@ class ParquetTable:
 def _is_list(kind: pa.DataType) -> bool:
     types = pa.types
     return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+
+
+def _single(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """The entries of lists that have one each in all rows; any other column as it is."""
+    is_single = _is_list(column.type) and pc.all(
+        pc.equal(pc.fill_null(pc.list_value_length(column), 0), 1)
+    )
+    return pc.list_flatten(column) if is_single and is_single.as_py() else column
 
 
 def _entry_type(kind: pa.DataType) -> pa.DataType:

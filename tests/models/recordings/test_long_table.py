@@ -1,8 +1,10 @@
 """A row for each joint or signal becomes a row for each sample."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -110,3 +112,37 @@ def test_a_name_that_does_not_change_is_no_joint(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     pd.DataFrame(columns).to_csv(path, index=False)
     np.testing.assert_array_equal(read_recording(path).q, _Q)
+
+
+def _message(k: int, j: int) -> dict[str, Any]:
+    """A JointState of one joint."""
+    stamp = {"sec": 1, "nanosec": 10_000_000 * k}
+    return {
+        "header": {"stamp": stamp},
+        "name": [_JOINTS[j]],
+        "position": [_Q[k, j]],
+        "current": [_I[k, j]],
+    }
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        _message,
+        lambda k, j: {"t": _T[k], "id": j + 1, "state": {"pos": _Q[k, j], "cur": _I[k, j]}},
+        lambda k, j: {
+            "t": _T[k],
+            "topic": f"/arm/{_JOINTS[j]}",
+            "msg": {"position": _Q[k, j], "current": _I[k, j]},
+        },
+    ],
+)
+def test_objects_of_one_joint_each_are_joined(
+    tmp_path: Path, line: Callable[[int, int], dict[str, Any]]
+) -> None:
+    path = tmp_path / "log.jsonl"
+    lines = [json.dumps(line(k, j)) for k in range(len(_T)) for j in (1, 0, 2)]
+    path.write_text("\n".join(lines) + "\n")
+    log = read_recording(path, None, _ROBOT, check=False)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(log.q, _Q)
+    np.testing.assert_array_equal(log.current, _I)
