@@ -30,6 +30,7 @@ from wrenchsight.models.recordings.layouts.joint_names import (
 )
 from wrenchsight.models.recordings.layouts.signal_words import (
     ColumnName,
+    as_measured,
     column_name,
     is_commanded,
     is_measured,
@@ -308,10 +309,10 @@ def signal_columns(
 def _without_qualified(
     columns: Sequence[_Column], names: Sequence[str]
 ) -> tuple[list[_Column], str]:
-    """The columns but for those that are raw or filtered ones of others, and a sentence on these.
+    """The columns but for those that are raw, filtered or commanded ones of others, and a sentence.
 
     Of q_1 and q_raw_1 the first is kept; of q_measured_1 and q_raw_1, or q_1 and q_raw_measured_1,
-    the one that is not called raw.
+    the one that is not called raw; of qIn_1 and qOut_1 what goes into the controller.
     """
     plain = {column.name.words: column for column in columns if not is_qualified(column.name)}
     values = {without_value_words(words): column for words, column in plain.items()}
@@ -322,6 +323,8 @@ def _without_qualified(
         other = plain.get(words)
         if other is None and is_raw(column.name):
             other = values.get(without_value_words(words))
+        if column.name.words != (measured := as_measured(column.name.words)):
+            other = plain.get(measured)
         if other is None or other is column:
             kept.append(column)
         elif not sentence:

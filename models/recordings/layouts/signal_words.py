@@ -91,6 +91,9 @@ _PROGRAM_WORDS = {
     # of MuJoCo: in joint space, and of the actuators, before their gears
     "qfrc_actuator": " torque ",
     "actuator_force": " actuator torque ",
+    # of mc_rtc: velocities
+    "alphaIn": " velocity in",
+    "alphaOut": " velocity out",
     # of LeRobot's data sets
     "observation.state": "position",
 }
@@ -204,6 +207,11 @@ def is_raw(column: ColumnName) -> bool:
 def is_qualified(column: ColumnName) -> bool:
     """Whether the name says that its value is raw or filtered."""
     return not _QUALIFIERS.isdisjoint(column.words)
+
+
+def as_measured(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words of a joint's command (qOut) as those of its measured value (qIn); others unchanged."""
+    return tuple("in" if word == "out" else word for word in words)
 
 
 def without_qualifiers(words: tuple[str, ...]) -> tuple[str, ...]:

@@ -317,9 +317,10 @@ def test_what_is_within_a_status_is_a_signal(tmp_path: Path) -> None:
         ("left_{n}_pos", "raw_left_{n}_pos"),
         ("{n}_pos_measured", "raw_{n}_pos"),
         ("arm_{n}_pos", "arm_{n}_pos_filtered"),
+        ("qIn_{j}", "qOut_{j}"),
     ],
 )
-def test_a_series_beside_the_same_one_raw_or_filtered_counts_and_is_told(
+def test_a_series_beside_the_same_one_raw_filtered_or_commanded_counts_and_is_told(
     tmp_path: Path, plain: str, raw: str
 ) -> None:
     drive = "i_{j}" if "{j}" in plain else "{n}_current"
