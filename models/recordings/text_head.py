@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from wrenchsight.models.recordings.date_stamps import is_date, stamp_form
+from wrenchsight.models.recordings.layouts.signal_words import column_name
 from wrenchsight.models.recordings.layouts.unit_words import unit_of
 
 MOST_HEAD_LINES: Final = 200
@@ -372,6 +373,10 @@ def _take_names(
             pass
         elif k == top or _repeats(levels[-1]):
             levels.append(cells)
+        elif _name_signals(cells) and not any(map(_name_signals, levels)):
+            # Words on the registers above them: Time, D1000, over J1 position.
+            levels = [[cell or " ".join(x) for cell, *x in zip(cells, *levels, strict=True)]]
+            head.notices.append(f"the columns are called as line {k + 1} says")
         else:
             head.notices.append(f"line {k + 1}, between the names and the rows, is left out")
         end = k + 1
@@ -387,6 +392,11 @@ def _take_names(
 def _repeats(names: Sequence[str]) -> bool:
     """Whether half of the names or more repeat or lack: quantities, over those of joints."""
     return (len(names) - len({*names} - {""})) * 2 >= len(names) - 1 > 0
+
+
+def _name_signals(cells: Sequence[str]) -> bool:
+    """Whether half of the cells or more name a quantity of a joint."""
+    return 2 * sum(bool(column_name(cell).quantity) for cell in cells) >= len(cells)
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -177,6 +177,8 @@ def draft_of_columns(table: LogTable, joint_names: Sequence[str] | None) -> str:
             values = {"columns": _columns_text(series[key].columns, table)}
             if series[key].unit:
                 values["unit"] = series[key].unit
+            if series[key].gain != 1.0:
+                values["gain"] = f"[{series[key].gain:g}]"
             question = _UNIT_QUESTIONS[key] + "; joints from base to tool"
             words = encoding_of(table, series[key].columns)
             if words is not None:

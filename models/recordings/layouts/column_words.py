@@ -129,12 +129,14 @@ def column_words_layout(
             continue
         places = [signal.columns[j] for j in order.indices]
         columns = by_number(places, "" if is_share else signal.unit)
+        columns.gain = [signal.gain] if signal.gain != 1.0 else []
         setattr(form, "current" if is_share else key, columns)
         if key == "motor_torque" and not signal.unit:
             torque_names = [names[place] for place in places]
         used_columns |= set(places)
         first, last = names[signal.columns[0]], names[signal.columns[-1]]
-        in_unit = f" in {signal.unit}" if signal.unit else ""
+        scale = f"{signal.gain:g} " if signal.gain != 1.0 else ""
+        in_unit = f" in {scale}{signal.unit}" if signal.unit else ""
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
     for signal in series.values():
@@ -232,12 +234,14 @@ class JointColumns(NamedTuple):
         how: a sentence on how the joints were matched, or which of several series was taken; empty
             where they are numbered in one.
         left_out: a sentence on columns of the same values, raw or filtered; empty: there are none.
+        gain: of the unit.
     """
 
     columns: list[int]
     unit: str
     how: str
     left_out: str = ""
+    gain: float = 1.0
 
 
 def signal_columns(
@@ -298,11 +302,12 @@ def signal_columns(
         if match is None:
             continue
         places, how_matched = match  # of the joints, base to tool
-        unit_of_place = {column.place: column.name.unit for column in columns}
+        unit_of_place = {column.place: (column.name.unit, column.name.gain) for column in columns}
         units = {unit_of_place[place] for place in places}
-        if len(units) == 1 and units <= {"", *UNITS[quantity]}:
+        unit, gain = next(iter(units))
+        if len(units) == 1 and unit in ("", *UNITS[quantity]):
             left_out = qualified.get(quantity, "")
-            joint_columns[quantity] = JointColumns(places, units.pop(), how_matched, left_out)
+            joint_columns[quantity] = JointColumns(places, unit, how_matched, left_out, gain)
     return joint_columns
 
 

@@ -112,6 +112,7 @@ _AT_END = re.compile(
     r"rad/sec|deg/sec|[^\s_.\-\d\w]|[^\W\d_]+)$",
     re.IGNORECASE,
 )
+_SCALED_UNIT = re.compile(r"(?<=[\s_\[(])(0\.\d{1,9}) ?([^\W\d_]+(?:/s)?)[\])]?$")  # 0.0001deg
 _NUMBER_AT_END = re.compile(r"[._]?[\[(]?\d{1,4}[\])]?$")
 _AXIS_LETTER = re.compile(r"[\s_.\-][A-Za-z]\d{1,4}$")  # AxisAct_A1 is in no ampere
 _UNITS_OF_WORD = {  # where a unit is stated that a quantity cannot have, but one like it can
@@ -137,12 +138,14 @@ class ColumnName(NamedTuple):
         words: of its joint: all but quantity and unit.
         is_bare: whether it names an axis or an actual value, but no quantity: where no other
             column is a position, this one may be.
+        gain: of the unit, where the name states so many of it: 0.0001 of "0.0001 deg".
     """
 
     quantity: str
     unit: str
     words: tuple[str, ...]
     is_bare: bool = False
+    gain: float = 1.0
 
 
 def column_name(name: str) -> ColumnName:
@@ -154,6 +157,10 @@ def column_name(name: str) -> ColumnName:
         inner = column_name(wrapped[2])
         if inner.quantity and not names_quantity_alone(inner):
             return inner
+    scaled = _SCALED_UNIT.search(name)
+    if scaled and unit_of(scaled[2]):
+        plain = column_name(f"{name[: scaled.start()]} {scaled[2]}")
+        return plain._replace(gain=float(scaled[1]))
     unit, rest = _unit(_OBJECT.sub("", name.strip()))
     unit = unit or next((u for word, u in _PROGRAM_UNITS.items() if rest.endswith(word)), "")
     tokens = name_tokens(rest)

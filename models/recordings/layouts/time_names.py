@@ -36,6 +36,7 @@ _UNIT_ALONE = re.compile(
     r"(milli|micro|nano)?sec(onds|s)?|msec|usec|nsec|ms|us|ns|µs", re.IGNORECASE
 )
 _UNIT_BEHIND = re.compile(r"(.*?)[\s_]*[\[(（]?([^\W\d_]+)[\])）]?", re.DOTALL)
+_FORMAT = re.compile(r"[\[(][^\[\]()]*(?:yy|hh:|utc|gmt)[^\[\]()]*[\])]", re.IGNORECASE)
 _UNIT_IN_BRACKETS = re.compile(r"\s*[\[(]n?s[\])]$")
 # Of whole seconds and nanoseconds, also in one name with more: robot_time_seconds, .._nanos.
 _SECOND_WORDS = ("sec", "secs", "seconds", "s")
@@ -101,7 +102,7 @@ def _is_lettered_axis(name: str, names: Sequence[str]) -> bool:
 
 def _clock(column: int, name: str) -> _Clock | None:
     """The column as a clock; None where its name is that of something else."""
-    unit, stem = _unit(name.strip())
+    unit, stem = _unit(_FORMAT.sub("", name).strip())
     word = stem.lower()
     if word in _PLAIN_WORDS:
         return _Clock(0, column, unit or _UNITS_BY_WORD.get(word, ""))

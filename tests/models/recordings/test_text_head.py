@@ -132,3 +132,19 @@ def test_names_may_stand_behind_other_words(line: str) -> None:
     head = table_head(["#1", line, *(f"{0.01 * k:g}\t{k}.5\t{k}" for k in range(40))])
     assert head.names == ("time", "q[1]", "i[1]")
     assert head.num_lines == 2
+
+
+def test_words_on_registers_below_their_names_are_the_names() -> None:
+    lines = [
+        "STAMP;LONG;LONG;LONG;BIT",
+        "TIME;D1000;D1002;D1200;M100",
+        ";J1 POS deg;J2 POS deg;J1 CUR mA;",
+        *(f"{k};{k};2;3;0" for k in range(10)),
+    ]
+    head = table_head(lines)
+    assert head.names == ("STAMP TIME", "J1 POS deg", "J2 POS deg", "J1 CUR mA", "BIT M100")
+    assert "the columns are called as line 3 says" in head.notices
+    # Where the line above names the signals itself, such a line is none.
+    lines[1] = "TIME;J1 POS;J2 POS;J1 CUR;M100"
+    assert table_head(lines).names == ("STAMP TIME", "LONG J1 POS", "LONG J2 POS", "LONG J1 CUR",
+                                       "BIT M100")  # fmt: skip

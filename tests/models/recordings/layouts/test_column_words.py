@@ -65,6 +65,8 @@ def _joints(text: str, number: int = 1) -> list[str]:
         ("时间(ms)", "关节{j}位置(°)", "关节{j}速度(°/s)", "关节{j}电流(mA)",
          (180 / np.pi, 180 / np.pi, 1e3)),
         ("t", "jointpos{j}", "jointvel{j}", "motorcurrent{j}", (1.0, 1.0, 1.0)),
+        ("DATETIME[YYYY/MM/DD hh:mm:ss] TIME(UTC+09:00)", "J{j} FB POS 0.0001deg",
+         "J{j} FB SPD [0.1 deg/s]", "J{j} CUR mA", (1e4 * 180 / np.pi, 10 * 180 / np.pi, 1e3)),
         ("log.stamp", "state.positions_deg.{j}", "state.velocities_deg_s.{j}", "state.currents.{j}",
          (180 / np.pi, 180 / np.pi, 1.0)),
         ("stamp", "joint_angles_{j}", "joint_vels_{j}", "joint_amps_{j}", (1.0, 1.0, 1.0)),
