@@ -259,7 +259,7 @@ def _of_rated_torque(case: Case, gains: Array) -> _Finding | None:
             f"take each joint's rated torque in N m on the joint side (data sheet, or object 6076h "
             "of CANopen drives times the gear ratio) and describe the columns as motor_torque: "
             f"{{unit: {RATED_UNITS[parts]}, gain: [RATED TORQUES]}}; where they are not known, "
-            "`wrenchsight identify LOGS --scale` finds them"
+            "`wrenchsight identify LOGS --scale` estimates them from gravity, with errors"
         ),
         values={"parts_of_rated": parts, "rated_torque_nm": rated.tolist()},
     )

@@ -120,6 +120,7 @@ def column_words_layout(
     used_columns = set(column_numbers(time))
     assignments = [f"{', '.join(names[column] for column in column_numbers(time))} as time"]
     torque_names: list[str] = []
+    share_notices: list[str] = []
     for key, signal in series.items():
         # A share of a rated value is read as a current of an unknown scale: of which value, the
         # hypotheses find and the user must say. A torque in such shares says nothing more where
@@ -137,11 +138,13 @@ def column_words_layout(
         first, last = names[signal.columns[0]], names[signal.columns[-1]]
         scale = f"{signal.gain:g} " if signal.gain != 1.0 else ""
         in_unit = f" in {scale}{signal.unit}" if signal.unit else ""
+        if is_share:
+            share_notices.append(_share_notice(signal, names))
         assignments.append(f"{first} .. {last} as {key.replace('_', ' ')}{in_unit}")
     notices = [f"columns read by the words in their names: {', '.join(assignments)}"]
     for signal in series.values():
         notices += [x for x in (signal.how, signal.left_out) if x and x not in notices]
-    notices += order.notices
+    notices += [*share_notices, *order.notices]
     form.extra = _further_arrays(names, used_columns)
     used_columns |= {c for columns in form.extra.values() for c in column_numbers(columns)}
     others = [name for k, name in enumerate(names) if k not in used_columns and name]
@@ -242,6 +245,16 @@ class JointColumns(NamedTuple):
     how: str
     left_out: str = ""
     gain: float = 1.0
+
+
+def _share_notice(signal: JointColumns, names: Sequence[str]) -> str:
+    """What a current or torque in parts of each drive's rated value needs."""
+    listed = ", ".join(names[column] for column in signal.columns)
+    return (
+        f"{names[signal.columns[0]]} .. are in {signal.unit} of each drive's rated value, which "
+        f'the log does not hold: describe them as motor_torque: {{columns: "{listed}", unit: '
+        f"{signal.unit}, gain: [rated torque of each joint, N m]}} (--log-format)"
+    )
 
 
 def signal_columns(

@@ -26,6 +26,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
 from wrenchsight.models.robot.robot import Robot
 
+# A value that the logs do not determine is refuted where both are passed.
+_REFUTING_SDS = 5.0  # between it and the logs' estimate
+_REFUTING_RATIO = 2.0  # of the two, which errors of the URDF's masses do not reach
 _WEIGHT_AT_FLANGE = (
     "the weight's centre of mass is not stated: it counts as at the flange's origin, and the scale "
     "errs by the lever that this leaves out; state it: --load LOG=KG,X,Y,Z, in the flange's frame"
@@ -177,6 +180,7 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
             "stated; take it from the drive's data sheet, or put a weight on a lever across that "
             "axis: --load LOG=KG,X,Y,Z"
         )
+    notes += _refuted(result)
     if by_weight:
         notes.append(
             "the standard errors do not include stiction, which may carry part of a joint's load "
@@ -191,6 +195,26 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
         gains = ", ".join(f"{value:.4g}" for value in _or_stated(result))
         notes.append(f"the logs hold torques: describe them with motor_torque: {{gain: [{gains}]}}")
     return notes
+
+
+def _refuted(result: ScaleResult) -> list[str]:
+    """The joints that keep a stated value which the logs contradict, in a sentence, if any do."""
+    scale, stated = result.scale, result.stated
+    with np.errstate(invalid="ignore"):  # NaN: not known at all
+        is_far = np.abs(scale.torque_per_unit - stated) > _REFUTING_SDS * scale.standard_error
+    ratio = np.abs(scale.torque_per_unit / stated)
+    is_other_size = (ratio > _REFUTING_RATIO) | (ratio < 1.0 / _REFUTING_RATIO)
+    shown = [
+        f"{result.robot.joint_names[j]} {scale.torque_per_unit[j]:.2g} +- "
+        f"{scale.standard_error[j]:.1g} (stated {stated[j]:.3g})"
+        for j in np.flatnonzero(is_far & is_other_size & ~scale.is_determined)
+    ]
+    if not shown:
+        return []
+    return [
+        f"what is stated is certainly not right for {', '.join(shown)}: do not read logs with it; "
+        "give more logs, in which these joints hold other postures, to determine it"
+    ]
 
 
 def _or_stated(result: ScaleResult) -> Array:

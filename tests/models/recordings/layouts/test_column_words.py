@@ -331,3 +331,20 @@ def test_a_series_beside_the_same_one_raw_filtered_or_commanded_counts_and_is_to
     log = read_recording(path, None, _ROBOT, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(log.q, _Q)
     assert f"{_joints(plain)[0]} .. is read, not {_joints(raw)[0]} .." in log.notices
+
+
+def test_a_share_of_a_rated_value_is_told_with_what_it_needs(tmp_path: Path) -> None:
+    header = ["t", *_joints("q{j}_rad"), *_joints("torque {j} [%]")]
+    path = _csv(tmp_path, header, [_T, *_Q.T, *_I.T])
+    log = read_recording(path, None, _ROBOT, check=False)  # type: ignore[arg-type]
+    (notice,) = [text for text in log.notices if "rated value" in text]
+    assert "torque 1 [%] .. are in per cent of each drive's rated value" in notice
+    form = tmp_path / "form.yaml"
+    entry = notice.partition("motor_torque: ")[2].removesuffix(" (--log-format)")
+    entry = entry.replace("rated torque of each joint, N m", "330, 150, 56")
+    q = "q1_rad, q2_rad, q3_rad"
+    lines = ["time: {columns: t}", f'position: {{columns: "{q}"}}', f"motor_torque: {entry}"]
+    form.write_text("\n".join(lines))
+    torque = read_recording(path, form).tau_J
+    assert torque is not None
+    np.testing.assert_allclose(torque, _I * [3.3, 1.5, 0.56], rtol=1e-12, atol=0)

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
-from wrenchsight.analyses.methods.identify.known_model.scale_finding import find_scale, sentences
+from wrenchsight.analyses.methods.identify.known_model.scale_finding import (
+    ScaleResult,
+    find_scale,
+    sentences,
+)
+from wrenchsight.models.calibration.effort_scale import EffortScale
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
@@ -94,3 +99,14 @@ def test_more_than_one_weight_is_refused_before_a_log_is_read(tmp_path):
     )
     with pytest.raises(InputError, match="one weight is enough"):
         find_scale(settings, tmp_path / "out")
+
+
+def test_a_stated_value_that_the_logs_refute_is_told(ur10e):
+    estimate = np.array([np.nan, 0.0115, 9.0, 0.9, 10.0, 0.01])
+    error = np.array([np.inf, 0.0012, 1.5, 0.2, 0.1, 0.004])
+    scale = EffortScale(estimate, error, known_torque_sd=np.ones(6), count=100)
+    result = ScaleResult(scale, ur10e, np.full(6, 10.0), of_torque=False, notices=())
+    (note,) = [text for text in sentences(result, False) if "certainly not right" in text]
+    # Joint 3 agrees within its error, joint 5 is determined.
+    lift, wrist_1, wrist_3 = (ur10e.joint_names[j] for j in (1, 3, 5))
+    assert f"{lift} 0.011 +- 0.001 (stated 10), {wrist_1} 0.9 +- 0.2 (stated 10), {wrist_3}" in note
