@@ -9,7 +9,7 @@ of them are lost where one of its meshes is.
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJ
 from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.drake_document import LEFT_OUT
 from wrenchsight.models.robot.drake_parsing import add_models
 from wrenchsight.models.robot.limited_child import limit_process
 from wrenchsight.models.robot.mjcf_efforts import effort_limits
@@ -80,7 +81,9 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
     Raises:
         RuntimeError, ValueError: Drake cannot read it, or it holds no model or several.
     """
-    models = root.findall("model") or _leave_scenery(root)
+    models, left_out = root.findall("model"), list[str]()
+    if not models:
+        models, left_out = _leave_scenery(root)
     if len(models) != 1:
         raise ValueError(f"holds {len(models)} models, expected one; split the file")
     shapes: dict[str, list[ET.Element]] = {}  # by the link's path of names
@@ -98,7 +101,16 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
         (link,) = (element for element in robot.findall("link") if element.get("name") == name)
         for number, shape in enumerate(shapes.get(_path_in_model(plant.get_body(index)), ())):
             _add_sdf_shape(link, shape, f"{name}_{shape.tag}_{number}", frames[name])
+    written = {frame.get("name", "") for frame in models[0].iter("frame")} - {""}
+    _add_frames(robot, written, plant, instances, names, frames)
+    _note_left_out(robot, left_out)
     return robot
+
+
+def _note_left_out(robot: ET.Element, names: Sequence[str]) -> None:
+    """Says in the <robot> which bodies or models of the document are none of the arm's."""
+    if names:
+        robot.set(LEFT_OUT, ", ".join(names))
 
 
 def _links_of(model: ET.Element, path: tuple[str, ...]) -> Iterator[tuple[str, ET.Element]]:
@@ -137,8 +149,38 @@ def _unlike(element: Any, elements: Sequence[Any]) -> str:
     return _path_in_model(element).replace("::", "_") if alike else str(element.name())
 
 
-def _leave_scenery(root: ET.Element) -> list[ET.Element]:
-    """The models of the only world; those in which no joint moves are left out where one is."""
+def _add_frames(
+    robot: ET.Element,
+    written: Collection[str],
+    plant: MultibodyPlant,
+    instances: Sequence[ModelInstanceIndex],
+    names: _Names,
+    frames: Mapping[str, RigidTransform],
+) -> None:
+    """Appends the <frame>s of an SDF as links without anything, as a URDF has a tool0.
+
+    Args:
+        written: names of the <frame>s; the plant has others of its own.
+        frames: poses of the bodies in their links, by the body's name in the URDF.
+    """
+    taken = {element.get("name", "") for element in robot}
+    for index in (k for instance in instances for k in plant.GetFrameIndices(instance)):
+        frame = plant.get_frame(index)
+        body = names.bodies.get(frame.body().index())
+        name = str(frame.name())
+        if body is None or name not in written or {name, f"{name}_frame"} & taken:
+            continue
+        taken.add(name)
+        ET.SubElement(robot, "link", name=name)
+        X_LF = frames[body] @ _frame(frame)
+        robot.append(fixed_joint(f"{name}_frame", body, name, X_LF))
+
+
+def _leave_scenery(root: ET.Element) -> tuple[list[ET.Element], list[str]]:
+    """The models of the only world, and the names of those that are left out.
+
+    These are those in which no joint moves, where one does in another.
+    """
     worlds = root.findall("world")
     models = [(world, model) for world in worlds for model in world.findall("model")]
     moving = [
@@ -147,11 +189,11 @@ def _leave_scenery(root: ET.Element) -> list[ET.Element]:
         if any(joint.get("type") != "fixed" for joint in model.iter("joint"))
     ]
     if not moving:
-        return [model for _, model in models]
-    for world, model in models:
-        if model not in moving:
-            world.remove(model)
-    return moving
+        return [model for _, model in models], []
+    scenery = [(world, model) for world, model in models if model not in moving]
+    for world, model in scenery:
+        world.remove(model)
+    return moving, [model.get("name", "") for _, model in scenery]
 
 
 def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
@@ -172,7 +214,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
     _refuse_generated_bodies(root, path)
     _make_frames_bodies(root)
     _check_angles(root)
-    _leave_objects(root)
+    left_out = _leave_objects(root)
     has_shapes = root.find("worldbody//geom") is not None
     name = root.get("model") or path.stem
     root.set("model", name)
@@ -207,6 +249,7 @@ def urdf_of_mjcf(root: ET.Element, path: Path) -> ET.Element:
         elif has_shapes:
             shape = ET.SubElement(link, "collision", name=f"{body_name}_geoms")
             ET.SubElement(ET.SubElement(shape, "geometry"), "geom")  # of no kind that is known
+    _note_left_out(robot, left_out)
     return robot
 
 
@@ -297,8 +340,13 @@ def _make_frames_bodies(root: ET.Element) -> None:
         convert(worldbody, has_inertia=True)
 
 
-def _leave_objects(root: ET.Element) -> None:
-    """Leaves out bodies that float by themselves beside an arm: a scene has things to grasp."""
+def _leave_objects(root: ET.Element) -> list[str]:
+    """Leaves out bodies that float by themselves beside an arm: a scene has things to grasp.
+
+    Returns:
+        Their names.
+    """
+    left_out: list[str] = []
     bodies = [
         (world, body) for world in root.findall("worldbody") for body in world.findall("body")
     ]
@@ -307,13 +355,15 @@ def _leave_objects(root: ET.Element) -> None:
         return any(joint.get("type", "hinge") in ("hinge", "slide") for joint in body.iter("joint"))
 
     if not any(has_motors(body) for _, body in bodies):
-        return
+        return left_out
     for world, body in bodies:
         floats = body.find("freejoint") is not None or any(
             joint.get("type") == "free" for joint in body.findall("joint")
         )
         if floats and not has_motors(body):
             world.remove(body)
+            left_out.append(body.get("name") or "a body without a name")
+    return left_out
 
 
 def _check_angles(root: ET.Element) -> None:
@@ -526,10 +576,12 @@ def _add_joint(
         if kind != "continuous":
             limit.set("lower", repr(float(lower)))
             limit.set("upper", repr(float(upper)))
-        # 0 is what the reader of a URDF takes for a limit that is not stated.
+        # What is not stated is left out, so that a 0 is one of the file.
         velocity = float(joint.velocity_upper_limits()[0])
-        limit.set("velocity", repr(velocity if math.isfinite(velocity) else 0.0))
-        limit.set("effort", repr(effort if math.isfinite(effort) else 0.0))
+        if math.isfinite(velocity):
+            limit.set("velocity", repr(velocity))
+        if 0.0 < effort < math.inf:
+            limit.set("effort", repr(effort))
     element.set("type", kind)
 
 

@@ -13,6 +13,9 @@ _CHILD = "wrenchsight.models.robot.drake_child"
 DOCUMENT_KINDS = {"sdf": "SDF", "mujoco": "MJCF"}
 """Root elements of the documents that Drake reads here, and their names."""
 
+LEFT_OUT = "left_out"
+"""Attribute of the <robot>: names of what the document holds beside the arm."""
+
 
 def urdf_of_model(path: Path, tag: str, digest: str) -> bytes:
     """The URDF of a document whose root element has this tag.

@@ -145,7 +145,9 @@ def _drive_line(joint: DescribedJoint, assumed: Assumed, j: int) -> str:
         comment += (
             f", also effort_limit: weight and inertia need {assumed.needed[j]:.3g}"
             if joint.effort > 0.0
-            else ", also effort_limit, which the URDF lacks"
+            else ", also effort_limit, for which the file wrote 0"
+            if joint.effort == 0.0
+            else ", also effort_limit, which the file lacks"
         )
     return f"  - {{{fields}}}  # {comment}; limits {_limits(joint)}"
 
@@ -196,7 +198,11 @@ def _limits(joint: DescribedJoint) -> str:
     travel = f"{joint.lower:.4g} to {joint.upper:.4g} {unit}"
     if joint.kind == "continuous":
         travel = "none"
-    speed = f", {joint.velocity:g} {unit}/s" if joint.velocity > 0.0 else ", speed not stated"
+    speed = ", speed not stated"
+    if joint.velocity > 0.0:
+        speed = f", {joint.velocity:g} {unit}/s"
+    elif joint.velocity == 0.0:
+        speed = ", speed 0 in the file: taken for none"
     force = "N" if unit == "m" else "N m"
     return travel + speed + (f", {joint.effort:g} {force}" if joint.effort > 0.0 else "")
 

@@ -25,6 +25,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.arm_structure import ArmStructure, DescribedJoint
+from wrenchsight.models.robot.drake_document import LEFT_OUT
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import DEFAULT_GRAVITY
 from wrenchsight.models.robot.unit_doubts import unit_doubts
@@ -237,6 +238,7 @@ def _draft(
         *_effort_notes(arm, assumed),
         *_mimic_notes(joint for joint in way if joint.name in followed and joint not in arm),
         *_rest_notes(structure, arm, locked, base),
+        _left_out_note(root.get(LEFT_OUT, "")),
         in_the_way(robot, *structure.sides(base, arm)),
     ]
     return DraftedRobot(robot, marked_keys(text), tuple(note for note in notes if note))
@@ -398,6 +400,13 @@ def _rest_notes(
             note += f"; if it is the arm's: --base {joint.parent}"
         notes.append(note)
     return notes
+
+
+def _left_out_note(names: str) -> str:
+    """A sentence on what a scene holds beside the arm; '' where it holds nothing."""
+    if not names:
+        return ""
+    return f"left out, as no joint moves it and it is none of the arm's: {names}"
 
 
 def _follows(structure: ArmStructure, base: str, joint: DescribedJoint) -> bool:

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.drake_document import LEFT_OUT
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.urdf_document import read_document
 
@@ -409,6 +410,7 @@ def test_of_a_world_the_model_that_moves_is_read(tmp_path):
     (tmp_path / "arm.sdf").write_text(text.replace("</sdf>", "</world></sdf>"), encoding="utf-8")
     root, _ = read_document(tmp_path / "arm.sdf")
     assert [link.get("name") for link in root.findall("link")][:2] == ["base", "upper"]
+    assert root.get(LEFT_OUT) == "ground"
 
 
 def test_an_mjcf_that_is_turned_by_right_angles_in_radians_is_refused(tmp_path):
@@ -435,3 +437,25 @@ def test_things_that_float_beside_an_arm_of_an_mjcf_are_left_out(tmp_path):
     root, _ = read_document(arm)
     names = [link.get("name") for link in root.findall("link")]
     assert "base" in names and "cube" not in names
+    assert root.get(LEFT_OUT) == "cube"
+
+
+def test_frames_of_an_sdf_are_links(tmp_path):
+    frame = '<frame name="tool0" attached_to="lower"><pose>0 0 .1 0 .3 0</pose></frame>'
+    text = SDF.replace("</model></sdf>", f"{frame}</model></sdf>")
+    (tmp_path / "arm.sdf").write_text(text)
+    root, _ = read_document(tmp_path / "arm.sdf")
+    links = [link.get("name") for link in root.findall("link")]
+    assert links[-1] == "tool0" and len(links) == len({*links})
+    (tmp_path / "robot.yaml").write_text(CONFIG.replace("flange: lower", "flange: tool0"))
+    robot = Robot.load(tmp_path / "robot.yaml")
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(text, "sdf")
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    q = np.array([0.7, 0.2])
+    plant.SetPositions(context, q)
+    expected = plant.GetFrameByName("tool0").CalcPoseInWorld(context)
+    terms = robot.chain.terms(q, np.zeros(2))
+    np.testing.assert_allclose(terms.p_WE, expected.translation(), atol=1e-12)
+    np.testing.assert_allclose(terms.R_WE, expected.rotation().matrix(), atol=1e-12)

@@ -630,3 +630,34 @@ def test_an_infinite_effort_limit_is_none(tmp_path: Path) -> None:
     urdf.write_text(urdf.read_text().replace("effort='10'", "effort='inf'"))
     _, places, _ = draft_robot(urdf, tmp_path / "robot.yaml")
     assert "effort_limit" in places
+
+
+def test_limits_of_0_are_told_as_what_the_file_wrote(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    text = urdf.read_text()
+    assert "effort='10'" in text and "velocity='" in text
+    text = text.replace("effort='10'", "effort='0'")
+    text = re.sub(r"velocity='[^']*'", "velocity='0'", text, count=1)
+    urdf.write_text(text)
+    draft_robot(urdf, tmp_path / "robot.yaml")
+    drives = [
+        line for line in (tmp_path / "robot.yaml").read_text().splitlines() if "joint:" in line
+    ]
+    assert "also effort_limit, for which the file wrote 0" in drives[0]
+    assert "speed 0 in the file: taken for none" in drives[0]
+    assert "speed 0" not in drives[1]
+
+
+def test_what_a_scene_holds_beside_the_arm_is_named(tmp_path: Path) -> None:
+    body = "<body pos='0 0 .3'><inertial pos='0 0 .1' mass='1' diaginertia='.01 .01 .01'/>"
+    cube = "<body name='cube'><freejoint/><geom type='box' size='.1 .1 .1'/></body>"
+    (tmp_path / "arm.xml").write_text(
+        "<mujoco><compiler angle='radian'/><worldbody>"
+        + "".join(
+            f"{body}<joint name='j{i}' axis='{axis}' range='-2 2'/>"
+            for i, axis in enumerate(["0 0 1", "0 1 0", "0 1 0"])
+        )
+        + f"{3 * '</body>'}{cube}</worldbody></mujoco>"
+    )
+    draft = draft_robot(tmp_path / "arm.xml", tmp_path / "robot.yaml")
+    assert "left out, as no joint moves it and it is none of the arm's: cube" in draft.notes
