@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.hypotheses.sample_traits import SampleTraits, TraitFinder
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording, concatenated
 from wrenchsight.models.robot.robot import Robot
@@ -40,6 +41,7 @@ class LogRows:
         effort: (T, n) what the drives report: A, or N m on the joints.
         is_torque: whether effort is in N m.
         is_used: (T,) clear of missing samples and of the low-pass's transients.
+        traits: what the samples show before the low-pass; None: not looked for.
     """
 
     t: Array
@@ -50,6 +52,7 @@ class LogRows:
     effort: Array
     is_torque: bool
     is_used: NDArray[np.bool_]
+    traits: SampleTraits | None = None
 
     @property
     def step(self) -> float:
@@ -78,10 +81,12 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
         None where the log is too short, has too low a rate or holds no drives.
     """
     parts: list[Recording] = []
+    finder = TraitFinder()
     duration = 0.0
     for chunk in chunks:
         if not chunk.num_samples or duration >= LONGEST_LOG:
             continue  # the caller's generator runs to its end, with its checks
+        finder.feed(chunk)
         parts.append(_averaged(chunk))
         duration += chunk.num_samples * (chunk.time_step if chunk.num_samples > 1 else 0.0)
     if not parts or duration < SHORTEST_LOG:
@@ -113,6 +118,7 @@ def log_rows(chunks: Iterable[Recording], robot: Robot) -> LogRows | None:
         effort=effort[rows],
         is_torque=log.tau_J is not None,
         is_used=is_used[rows],
+        traits=finder.traits(),
     )
 
 

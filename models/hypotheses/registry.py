@@ -3,6 +3,8 @@
 from collections.abc import Callable
 
 from wrenchsight.models.hypotheses import (
+    coarse_effort,
+    cut_off_effort,
     drive_signs,
     effort_gain,
     effort_order,
@@ -20,6 +22,7 @@ from wrenchsight.models.hypotheses import (
     position_order,
     position_unit,
     still_effort,
+    straight_positions,
     time_shift,
     unsigned_effort,
 )
@@ -39,6 +42,9 @@ HYPOTHESES: dict[str, Callable[[Case], Explanation | None]] = {
         external_torque,
         empty_effort,
         still_effort,
+        cut_off_effort,
+        coarse_effort,
+        straight_positions,
         joint_zero,
         position_of_links,
         position_unit,

@@ -503,6 +503,48 @@ def test_a_current_without_sign_at_some_joints_is_named(
     assert f"at {', '.join(ur10e.joint_names[j] for j in joints)} (no value is" in fault.cause
 
 
+LIMIT = np.array([99.0, 99.0, 4.0, 99.0, 99.0, 99.0])  # A
+
+
+def between_slow_samples(log: Recording, rows: int) -> Recording:
+    """Positions and velocities straight between each `rows`th sample."""
+    at = log.t[::rows]
+    q, v = (
+        np.stack([np.interp(log.t, at, x) for x in signal[::rows].T], axis=1)
+        for signal in (log.q, log.v)
+    )
+    return replace(log, q=q, v=v)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "damage"),
+    [
+        (
+            "drives cut off",
+            "elbow_joint (-4 A for",
+            lambda log: replace(log, current=np.clip(log.current, -LIMIT, LIMIT)),
+        ),
+        (
+            "steps of the drives",
+            "in steps of 1 A",
+            lambda log: replace(log, current=np.round(log.current)),
+        ),
+        (
+            "positions between slow samples",
+            "samples 0.5 s apart (2 a second)",
+            lambda log: between_slow_samples(log, 25),
+        ),
+    ],
+)
+def test_what_a_logger_did_to_samples_is_named(
+    ur10e: Robot, name: str, words: str, damage: Callable[[Recording], Recording]
+) -> None:
+    fault = judge_log([damage(motion(ur10e))], ur10e, identified(ur10e)).fault
+    assert fault is not None
+    assert fault.name == name
+    assert words in fault.cause
+
+
 @pytest.mark.parametrize("force", [(0.0, 0.0, 0.0), (0.0, 0.0, 150.0), (60.0, -90.0, 0.0)])
 def test_a_force_at_the_tool_is_no_fault(ur10e: Robot, force: tuple[float, float, float]) -> None:
     judgement = judged(motion(ur10e, force=np.array(force)), ur10e)
