@@ -2,30 +2,41 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from wrenchsight.models.estimation.invalid import STREAM_LATE, first_reason
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
-_FIELDS = (
-    "t",
-    "received",
-    "published",
-    "invalid",
-    "contact",
-    "misfit",
-    "link",
-    "rest",
-    "out_of_range",
-    "fault",
-    "dropout",
-    "running",
-    "statistic",
-    "condition_number",
-)
+
+@cache
+def reading_type(num_joints: int) -> np.dtype[np.void]:
+    """The type of a reading's row; what the numbers are, the attributes of Reading say."""
+    return record_type(
+        t=(),
+        received=(),
+        published=(),
+        invalid=(),
+        contact=(),
+        misfit=(),
+        link=(),
+        rest=(),
+        out_of_range=(),
+        fault=(),
+        dropout=(),
+        running=(),
+        statistic=(),
+        condition_number=(),
+        wrench=(6,),
+        covariance=(6, 6),
+        tau_ext=(num_joints,),
+        q=(num_joints,),
+    )
+
+
 FLAGS = (
     "valid",
     "invalid",
@@ -40,17 +51,17 @@ FLAGS = (
 )
 """Attributes of a reading that others are sent as whole numbers: 1 or 0, but for the number of the
 `link` and the sums of bits in `invalid` and `fault`."""
-_FIELD_PLACES = {name: k for k, name in enumerate(_FIELDS)}
-_WRENCH_COLUMN = len(_FIELDS)
-_COVARIANCE_COLUMN = _WRENCH_COLUMN + 6
-_JOINTS_COLUMN = _COVARIANCE_COLUMN + 36
-
 _Kind = TypeVar("_Kind")
 
 
 def row_size(num_joints: int) -> int:
     """Numbers of a reading of an arm with n joints."""
-    return _JOINTS_COLUMN + 2 * num_joints
+    return reading_type(num_joints).itemsize // np.dtype(np.float64).itemsize
+
+
+def _joints_of(size: int) -> int:
+    """The number of joints of a row of `row_size` numbers: the inverse of it."""
+    return (size - row_size(0)) // (row_size(1) - row_size(0))
 
 
 class _Field(Generic[_Kind]):
@@ -60,10 +71,10 @@ class _Field(Generic[_Kind]):
         self._kind = kind
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._place = _FIELD_PLACES[name]
+        self._name = name
 
     def __get__(self, reading: "Reading", owner: type) -> _Kind:
-        return self._kind(reading.row.item(self._place))
+        return self._kind(reading.numbers[self._name].item())
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +82,7 @@ class Reading:
     """The reading of one sample of the uniform grid.
 
     Attributes:
-        row: (row_size,) all numbers.
+        row: (row_size,) all numbers, contiguous; `numbers` gives them under their names.
     """
 
     row: Array
@@ -81,21 +92,25 @@ class Reading:
         cls, wrench: Array, covariance: Array, tau_ext: Array, q: Array, **fields: float
     ) -> "Reading":
         """Makes a row; `fields` are numbers by name, 0 where one is left out."""
-        row = np.zeros(row_size(len(q)))
-        for name, value in fields.items():
-            row[_FIELD_PLACES[name]] = value
-        row[_WRENCH_COLUMN:_COVARIANCE_COLUMN] = wrench
-        row[_COVARIANCE_COLUMN:_JOINTS_COLUMN] = covariance.ravel()
-        row[_JOINTS_COLUMN:] = np.concatenate([tau_ext, q])
-        return cls(row)
+        reading = cls(np.zeros(row_size(len(q))))
+        signals = {"wrench": wrench, "covariance": covariance, "tau_ext": tau_ext, "q": q}
+        for name, value in (fields | signals).items():
+            reading.numbers[name] = value
+        return reading
 
     def unusable(self, received: float) -> "Reading":
         """The same reading, not valid: the stream or the robot has stopped."""
-        row = self.row.copy()
-        row[_FIELD_PLACES["invalid"]] = self.invalid | STREAM_LATE
-        row[[_FIELD_PLACES[name] for name in ("contact", "misfit")]] = 0.0
-        row[_FIELD_PLACES["received"]] = received
-        return Reading(row)
+        reading = Reading(self.row.copy())
+        numbers = reading.numbers
+        numbers["invalid"] = self.invalid | STREAM_LATE
+        numbers["contact"], numbers["misfit"] = 0.0, 0.0
+        numbers["received"] = received
+        return reading
+
+    @property
+    def numbers(self) -> Record:
+        """(1,) of `reading_type`: the row's numbers under their names, as views of it."""
+        return np.frombuffer(self.row, reading_type(_joints_of(len(self.row))))
 
     t = _Field(float)
     """s, the controller's clock."""
@@ -144,32 +159,32 @@ class Reading:
 
     def publish(self, now: float) -> None:
         """Notes the time of publication, s."""
-        self.row[_FIELD_PLACES["published"]] = now
+        self.numbers["published"] = now
 
     @property
     def wrench(self) -> Array:
         """(6,) F_E_W = [mx my mz fx fy fz] in N m and N: by the environment, at E, axes of W."""
-        return self.row[_WRENCH_COLUMN:_COVARIANCE_COLUMN]
+        return np.asarray(self.numbers["wrench"][0])
 
     @property
     def covariance(self) -> Array:
         """(6, 6) of the wrench."""
-        return self.row[_COVARIANCE_COLUMN:_JOINTS_COLUMN].reshape(6, 6)
+        return np.asarray(self.numbers["covariance"][0])
 
     @property
     def sd(self) -> Array:
         """(6,) of the wrench, rotation first."""
-        return np.asarray(np.sqrt(self.row[_COVARIANCE_COLUMN:_JOINTS_COLUMN:7]))
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
     @property
     def tau_ext(self) -> Array:
         """(n,) N m, positive along the motion it causes."""
-        return self.row[_JOINTS_COLUMN : (_JOINTS_COLUMN + len(self.row)) // 2]
+        return np.asarray(self.numbers["tau_ext"][0])
 
     @property
     def q(self) -> Array:
         """(n,) rad or m."""
-        return self.row[(_JOINTS_COLUMN + len(self.row)) // 2 :]
+        return np.asarray(self.numbers["q"][0])
 
     @property
     def force_first(self) -> Array:
