@@ -1,7 +1,7 @@
 """Declarations that blocks share: named parameters, cache entries, ports that split one vector."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,27 @@ from wrenchsight.systems.sampled_block import SampledBlock
 def torque_error_size(num_joints: int) -> int:
     """Entries of a port that carries a `TorqueError` of one sample, flat."""
     return ERROR_ROWS * num_joints
+
+
+OBSERVED_WRENCH_SIZE = 42
+"""Entries of a port that carries an ObservedWrench, flat."""
+
+
+class ObservedWrench(NamedTuple):
+    """The wrench that an observer reads itself.
+
+    Attributes:
+        wrench: (6,) F_E_W, N m and N.
+        covariance: (6, 6) of it.
+    """
+
+    wrench: Array
+    covariance: Array
+
+    @classmethod
+    def of_flat(cls, flat: Array) -> "ObservedWrench":
+        """That of (OBSERVED_WRENCH_SIZE,) memory, as of a port; views of it."""
+        return cls(wrench=flat[:6], covariance=flat[6:OBSERVED_WRENCH_SIZE].reshape(6, 6))
 
 
 def sliding_size(num_joints: int) -> int:

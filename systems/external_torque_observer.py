@@ -11,6 +11,8 @@ from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer import Observer, ObserverSamples
 from wrenchsight.systems.declarations import (
+    OBSERVED_WRENCH_SIZE,
+    ObservedWrench,
     TunedParameters,
     declare_cached,
     declare_held_outputs,
@@ -19,8 +21,6 @@ from wrenchsight.systems.declarations import (
     torque_error_size,
 )
 from wrenchsight.systems.sampled_block import SampledBlock
-
-_WRENCH_SIZE = 6 + 36  # entries of a wrench and its covariance
 
 
 class ExternalTorqueObserver(SampledBlock):
@@ -98,7 +98,7 @@ class ExternalTorqueObserver(SampledBlock):
         """Declares `reading`, which is held from tick to tick, a port of each part, and `pole`."""
         sizes = {"tau_ext": self._n, "valid": 1}
         if self._observer.reads_wrench:
-            sizes["wrench"] = _WRENCH_SIZE
+            sizes["wrench"] = OBSERVED_WRENCH_SIZE
         self.reading_sizes = list(sizes.values())
         self._parts = parts_of(sizes)  # of `reading`, by which `_observe` writes them
         self._reading = declare_held_outputs(
@@ -160,9 +160,8 @@ class ExternalTorqueObserver(SampledBlock):
         reading[parts["tau_ext"]] = observed.tau_ext
         reading[parts["valid"]] = observed.is_fresh.item()
         if observed.wrench is not None and observed.covariance is not None:
-            wrench_and_covariance = reading[parts["wrench"]]
-            wrench_and_covariance[:6] = observed.wrench
-            wrench_and_covariance[6:] = observed.covariance.ravel()
+            written = ObservedWrench.of_flat(reading[parts["wrench"]])
+            written.wrench[:], written.covariance[:] = observed.wrench[0], observed.covariance[0]
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         tau_J = self._no_torque

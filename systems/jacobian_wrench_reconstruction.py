@@ -25,10 +25,13 @@ from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.systems.declarations import (
+    OBSERVED_WRENCH_SIZE,
+    ObservedWrench,
     TunedParameters,
     declare_cached,
     declare_port_of_each_part,
     joined_ticket,
+    parts_of,
     sliding_size,
     terms_at,
     torque_error_size,
@@ -36,11 +39,11 @@ from wrenchsight.systems.declarations import (
 from wrenchsight.systems.sampled_block import SampledBlock
 
 MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
-_OBSERVED_SIZE = 42  # entries of a wrench and its covariance
 # (1,) a flag as the row of one sample, by the flag: made once, as a reading takes two at each tick.
 _FLAG_ROW = {flag: np.array([flag]) for flag in (False, True)}
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
 _READING_SIZE = sum(_READING_PARTS.values())
+_READING_SLICES = parts_of(_READING_PARTS)
 
 
 class _TunedReading(NamedTuple):
@@ -63,12 +66,13 @@ class _TunedReading(NamedTuple):
 
 
 def reading_parts(estimate: WrenchEstimate) -> Array:
-    """(45,) of one sample: wrench, covariance row by row, condition number, valid, invalid."""
+    """(45,) of one sample: the outputs of JacobianWrenchReconstruction but the memory."""
     invalid = estimate.invalid.item()
-    parts = np.empty(_READING_SIZE)
-    parts[:6] = estimate.wrench
-    parts[6:42] = estimate.covariance.ravel()
-    parts[42:] = estimate.condition_number.item(), invalid == 0, invalid
+    parts, slices = np.empty(_READING_SIZE), _READING_SLICES
+    parts[slices["wrench"]] = estimate.wrench
+    parts[slices["covariance"]] = estimate.covariance.ravel()
+    parts[slices["condition_number"]] = estimate.condition_number.item()
+    parts[slices["valid"]], parts[slices["invalid"]] = invalid == 0, invalid
     return parts
 
 
@@ -169,7 +173,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._corrected = self.DeclareVectorInputPort("corrected", 1)
-        self._observed = self.DeclareVectorInputPort("observed", _OBSERVED_SIZE)
+        self._observed = self.DeclareVectorInputPort("observed", OBSERVED_WRENCH_SIZE)
         self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", torque_error_size(n))
         self._pole = self.DeclareVectorInputPort("pole", n)
@@ -285,8 +289,8 @@ class JacobianWrenchReconstruction(SampledBlock):
         # None: the reading is of tau_ext.
         observed_wrench, observed_covariance = None, None
         if observed is not None and is_observed_usable:
-            observed_wrench = observed[None, :6]
-            observed_covariance = observed[6:].reshape(1, 6, 6)
+            parts = ObservedWrench.of_flat(observed)
+            observed_wrench, observed_covariance = parts.wrench[None], parts.covariance[None]
         return ReadingSamples(
             J=terms["J"],
             tau_ext=tau_ext,
@@ -318,7 +322,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         return tuned.constant_error._replace(J_seen=J)
 
     def _observed_wrench(self, context: Context) -> Array | None:
-        """(42,) wrench and covariance of an observer that reads them itself; None of any other."""
+        """The flat ObservedWrench of an observer that reads it itself; None of any other."""
         return self._observed.Eval(context) if self._observed.HasValue(context) else None
 
     def _is_set(self, context: Context, port: InputPort) -> bool:
