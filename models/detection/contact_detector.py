@@ -19,6 +19,7 @@ from wrenchsight.models.detection.contact_statistic import (
     FITTED_LOAD,
     FITTED_SPEED,
     JUMP_POLE,
+    JUMP_SHARE,
     LINK,
     MEAN_LEVEL,
     MEAN_RELEASE,
@@ -55,7 +56,6 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.torque_error_model import (
-    NUM_FEATURES,
     ConstantTorqueError,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
@@ -339,7 +339,7 @@ def _joint_rows(
         change_factor = 2.0 * observer_gain / (observer_gain + error.K_0)
         joints[CHANGE:] = change_factor * np.transpose(noise.change_sd) ** 2
         # The share of the torque jump's square, which white noise has made larger.
-        joints[CHANGE + NUM_FEATURES] /= jump_factor**2
+        joints[JUMP_SHARE] /= jump_factor**2
     return joints
 
 

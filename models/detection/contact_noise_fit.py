@@ -25,6 +25,7 @@ from wrenchsight.models.identification.torque_error_fit import (
     features_along,
     most_likely,
 )
+from wrenchsight.models.identification.torque_error_model import CONSTANT_PART
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
@@ -117,6 +118,8 @@ def _with_tails(
 def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Array:
     """(n, NUM_FEATURES + 1) roots of the most likely shares of a change's variance.
 
+    They are those of the parts of the torque error's variance, and of the torque jump's square.
+
     Args:
         features: (N, n, NUM_FEATURES), of the torque error.
         jumps: (N, n) N m, torque jumps.
@@ -132,7 +135,7 @@ def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Ar
     mean_square = np.maximum(np.mean(change**2, axis=0), _LEAST_CHANGE_SQUARE)
     least = _MIN_CHANGE_SHARE * np.sqrt(mean_square)
     roots = np.sqrt(shares)
-    roots[:, 0] = np.maximum(roots[:, 0], least)
+    roots[:, CONSTANT_PART] = np.maximum(roots[:, CONSTANT_PART], least)
     return np.asarray(roots)
 
 

@@ -108,6 +108,7 @@ from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     REST_ROW,
+    STICTION_PART,
     TRANSMITTED_ROW,
     UNKNOWN_SHARE_ROW,
     breakaway,
@@ -124,7 +125,6 @@ LOCAL_TIME = 10.0  # s
 UNIT_SCALE_TIME = 1.0  # s
 MAX_SCALE_RATIO = 3.0
 ONE_SIDED_SHARE = 0.15  # share of a reading's mean square, beyond which its mean is not chance
-_STICTION_PART = NUM_FEATURES - 1  # among the parts of a variance
 MAX_UNTOUCHED_RMS = 2.0  # root mean square over MEAN_TIME
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -168,9 +168,10 @@ _SINGLE_ROW = _START + 1  # first of the rows that hold single numbers
     MEAN_SCALE,  # mean_scale
     FITTED_SPEED,  # rad/s, of the fitted logs; inf: any
     FITTED_LOAD,  # N m, likewise
-    CHANGE,  # from here on the shares of s'^2: NUM_FEATURES of sd^2's parts, and of the jump
+    CHANGE,  # first of NUM_FEATURES: shares of s'^2 in the parts of sd^2 (`variance_parts`)
 ) = range(6)
-NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1
+JUMP_SHARE = CHANGE + NUM_FEATURES  # row of the share of s'^2 in the square of the torque jump
+NUM_JOINT_ROWS = JUMP_SHARE + 1
 # Entries of `settings`.
 (
     PERIOD,  # s
@@ -211,7 +212,7 @@ class DetectorTables(NamedTuple):
 
     Attributes:
         error: table of the torque error, of `torque_error_stage`.
-        joints: (NUM_JOINT_ROWS, n), rows JUMP_POLE to CHANGE and beyond.
+        joints: (NUM_JOINT_ROWS, n), rows JUMP_POLE to JUMP_SHARE.
         settings: (NUM_SETTINGS,), entries PERIOD to MISFIT_LEVEL.
         white: (n, n) U, upper triangular.
     """
@@ -400,7 +401,7 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
     variance, parts = np.zeros(v.shape[0]), np.empty(NUM_FEATURES)
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
-        for m in range(_STICTION_PART):
+        for m in range(STICTION_PART):
             variance[j] += joints[CHANGE + m, j] * parts[m]
         # Friction that a stopping joint releases, and that a starting one has carried.
         pole, speed_ratio = joints[JUMP_POLE, j], v[j] / REST_SPEED
@@ -413,7 +414,7 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array) ->
         state[_START, j] = keep * state[_START, j] + (1.0 - keep) * start
         # A joint that still creeps to its stop has not released its friction.
         if single[_RESTING] < REST_TIME or rows[UNKNOWN_SHARE_ROW, j] < MIN_REST_SHARE:
-            part = joints[CHANGE + _STICTION_PART, j] * parts[_STICTION_PART]
+            part = joints[CHANGE + STICTION_PART, j] * parts[STICTION_PART]
             released = max(state[_STOP, j], state[_START, j])
             variance[j] += max(part, released * released)
         # No joint is read with less noise than its speeds and its current have.
@@ -534,7 +535,7 @@ def _take_torque_sd(
     # sd^2 may hold a smaller share of the stiction than the larger of both, which is subtracted.
     variance = max(sd * sd - rest_share * stiction * stiction, _MIN_VARIANCE_SHARE * sd * sd)
     whitened.sd[j] = np.sqrt(variance + jump * jump)
-    change_variance += joints[CHANGE + NUM_FEATURES, j] * jump2 + jump * jump
+    change_variance += joints[JUMP_SHARE, j] * jump2 + jump * jump
     whitened.change_sd[j] = np.sqrt(change_variance)
 
 

@@ -41,8 +41,14 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
+    ACCELERATION_PART,
+    CONSTANT_PART,
+    LOAD_PART,
     NUM_FEATURES,
     PLAIN,
+    REVERSAL_PART,
+    SPEED_PART,
+    STICTION_PART,
     Rest,
     TorqueErrorModel,
     averaged_share,
@@ -129,7 +135,7 @@ def fit_torque_error(
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
     unit = unit_torque_error(n, K_0, rest)
-    # Of each reading (N, n, NUM_FEATURES): those of the five coefficients, then the fixed part.
+    # Of each reading (N, n, NUM_FEATURES): those of the five coefficients, then STICTION_PART.
     features = [
         features_along(unit, reading)[rows] for reading, rows in zip(readings, is_used, strict=True)
     ]
@@ -138,20 +144,21 @@ def fit_torque_error(
     size = rms(np.concatenate(errors))
     stated_floor = np.broadcast_to(np.asarray(least, float), (n,))
     floor = np.maximum(stated_floor, np.maximum(_LEAST_SHARE * size, _LEAST_CONSTANT))
-    constant = np.maximum(np.sqrt(coefficients[:, 0]), floor)
-    coefficients[:, 0] = constant**2  # of the first feature, 1: with the floor from here on
+    constant = np.maximum(np.sqrt(coefficients[:, CONSTANT_PART]), floor)
+    coefficients[:, CONSTANT_PART] = constant**2  # with the floor from here on
     scaled: list[Array] = []  # errors over their sds, of each reading
     for error, f in zip(errors, features, strict=True):
-        sd = np.sqrt((f[..., :-1] * coefficients).sum(axis=-1) + f[..., -1])
+        fitted = (f[..., :STICTION_PART] * coefficients).sum(axis=-1)
+        sd = np.sqrt(fitted + f[..., STICTION_PART])
         scaled.append(np.clip(error / sd, -_MAX_ERROR_SDS, _MAX_ERROR_SDS))
     lasting, correlation_time = _averaging(scaled, readings[0].time_step)
     roots = np.sqrt(coefficients)
     return TorqueErrorModel(
         constant=constant,
-        speed=roots[:, 1],
-        load=roots[:, 2],
-        acceleration=roots[:, 3],
-        reversal=roots[:, 4],
+        speed=roots[:, SPEED_PART],
+        load=roots[:, LOAD_PART],
+        acceleration=roots[:, ACCELERATION_PART],
+        reversal=roots[:, REVERSAL_PART],
         correlation=_correlation(scaled),
         correlation_time=correlation_time,
         lasting=lasting,
@@ -204,15 +211,15 @@ def features_along(unit: TorqueErrorModel, reading: HeldOutReading) -> Array:
 
 
 def _coefficients(features: Sequence[Array], errors: Sequence[Array]) -> Array:
-    """(n, 5) most likely variances per unit of a feature, of each joint.
+    """(n, STICTION_PART) most likely variances per unit of a feature, of each joint.
 
     Args:
-        features: (N, n, NUM_FEATURES) of each reading, the fixed part last.
+        features: (N, n, NUM_FEATURES) of each reading; STICTION_PART, the last, counts as it is.
         errors: (N, n) N m of each reading.
     """
     F, e = np.concatenate(features), np.concatenate(errors)
     n = e.shape[1]
-    coefficients = np.empty((n, NUM_FEATURES - 1))
+    coefficients = np.empty((n, STICTION_PART))
     for j in range(n):
         # With one independent sample more, as large as the rms: the module's prior.
         F_j, e_j = _with_a_prior(F[:, j], e[:, j], [error[:, j] for error in errors])
@@ -229,7 +236,7 @@ def _with_a_prior(F: Array, e: Array, errors: Sequence[Array]) -> tuple[Array, A
     """
     count = round(correlated_samples(errors))
     prior = np.zeros((count, F.shape[1]))
-    prior[:, 0] = 1.0
+    prior[:, CONSTANT_PART] = 1.0
     rms = np.sqrt(np.mean(e**2))
     return np.vstack([F, prior]), np.concatenate([e, np.full(count, rms)])
 

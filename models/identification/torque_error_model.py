@@ -174,7 +174,16 @@ _LOAD_ROWS = (_UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J, HIDDEN_ROW)
 _LOST_STATUS, _FIRST_STATUS, _LATER_STATUS = 0.0, 1.0, 2.0  # of _TAKEN
 UNKNOWN_SHARE_ROW, TRANSMITTED_ROW, TAU_J_ROW = _UNKNOWN_SHARE, _TRANSMITTED, _TAU_J
 # w, and L and tau_J of the last sample
-NUM_FEATURES = 6  # of `torque_error_features`
+# Parts of the variance before their coefficients, the last of which has none: `variance_parts`.
+(
+    CONSTANT_PART,  # 1
+    SPEED_PART,  # v^2
+    LOAD_PART,  # L^2
+    ACCELERATION_PART,  # (K_0 (v - LP v))^2
+    REVERSAL_PART,  # turning^2
+    STICTION_PART,  # unknown^2
+    NUM_FEATURES,
+) = range(7)
 
 
 class Rest(NamedTuple):
@@ -746,7 +755,7 @@ def torque_error_features(
     Args:
         table, state: as `torque_sd_rows`.
         q, v, transmitted: (N, n).
-        features: (N, n, NUM_FEATURES), written: 1, v^2, L^2, a^2, turning^2, unknown^2.
+        features: (N, n, NUM_FEATURES), written: of `variance_parts`.
     """
     for k in range(q.shape[0]):
         for i in range(q.shape[1]):
@@ -766,12 +775,12 @@ def variance_parts(table: Array, state: Array, i: int, v: float, load: float, pa
         i: joint.
         v: rad/s.
         load: L of the sample before, N m.
-        parts: (NUM_FEATURES,), written.
+        parts: (NUM_FEATURES,), CONSTANT_PART to STICTION_PART, written.
     """
     speed = v if np.isfinite(v) else 0.0
-    parts[0] = 1.0
-    parts[1] = speed**2
-    parts[2] = load**2
-    parts[3] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
-    parts[4] = state[_TURNING, i] ** 2
-    parts[5] = state[_UNKNOWN, i] ** 2
+    parts[CONSTANT_PART] = 1.0
+    parts[SPEED_PART] = speed**2
+    parts[LOAD_PART] = load**2
+    parts[ACCELERATION_PART] = (table[i, _GAIN] * (speed - state[_SLOW_SPEED, i])) ** 2
+    parts[REVERSAL_PART] = state[_TURNING, i] ** 2
+    parts[STICTION_PART] = state[_UNKNOWN, i] ** 2
