@@ -33,7 +33,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift, FrictionRefresh
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import (
+    NUM_DRIFTS,
+    ResidualRows,
+    drift_columns,
+)
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array, Flags
 
@@ -121,10 +125,10 @@ def refresh_beside_contact(
     n = rows.num_joints
     prior = (drift or FrictionDrift()).deviation(rows, law)
     mean, covariance, free_share = _sampled(segments, prior.ravel())
-    by_joint, joints = covariance.reshape(n, 3, n, 3), np.arange(n)
+    by_joint, joints = covariance.reshape(n, NUM_DRIFTS, n, NUM_DRIFTS), np.arange(n)
     refresh = FrictionRefresh(
         model_law=law,
-        change=mean.reshape(n, 3),
+        change=mean.reshape(n, NUM_DRIFTS),
         covariance=by_joint[joints, :, joints],  # (n, 3, 3)
         prior_deviation=prior,
         scale=np.ones(n),
@@ -151,11 +155,11 @@ def _segment(rows: ResidualRows, J: Array, wrench_variance: Array) -> _Segments:
     m, n = rows.residual.shape
     # What x explains, and what is left without a contact.
     residual = rows.residual.T.ravel()
-    columns, noise = np.zeros((m * n, 3 * n)), np.zeros((m * n, m * n))
+    columns, noise = np.zeros((m * n, NUM_DRIFTS * n)), np.zeros((m * n, m * n))
     drift = rows.drift
     for j in range(n):
         joint_rows = slice(j * m, (j + 1) * m)
-        columns[joint_rows, 3 * j : 3 * j + 3] = drift[:, j]
+        columns[joint_rows, drift_columns(j)] = drift[:, j]
         noise[joint_rows, joint_rows] = rows.covariance(j)
     # What a contact adds to the covariance: a wrench at E, or each joint's torque by itself.
     time_correlation = np.tile(np.exp(-np.abs(rows.t[:, None] - rows.t) / FORCE_TIME), (n, n))

@@ -28,7 +28,11 @@ from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import COM_PRIOR_SD
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.calibration.prior_least_squares import PriorFit, fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import (
+    NUM_DRIFTS,
+    ResidualRows,
+    drift_columns,
+)
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
@@ -272,7 +276,7 @@ class GainProblem:
             drift_sd[index] = _LOG_DRIFT.deviation(rows, law.coulomb_viscous)
             for j in range(n):
                 # Columns of other joints, loads and logs stay zero.
-                A = np.zeros((len(rows.t), first_drift + 3 * n * num_logs))
+                A = np.zeros((len(rows.t), first_drift + NUM_DRIFTS * n * num_logs))
                 A[:, self._columns.inertial.ravel()] = rigid[:, j, :-1]
                 A[:, self._columns.rotor[j]] = rigid[:, j, -1]  # behind the links'
                 A[:, self._columns.friction[j]] = log.low_pass(friction[j])[log.rows]
@@ -280,8 +284,8 @@ class GainProblem:
                     first = self._all_loads.start + NUM_INERTIAL * log.load
                     A[:, first : first + NUM_INERTIAL] = load[:, j]
                 predicted = A[:, :first_drift] @ present  # u's slope leaves the small drift out
-                first = first_drift + 3 * (n * index + j)
-                A[:, first : first + 3] = rows.drift[:, j]
+                # Behind `first_drift` stand the changes of friction, log by log.
+                A[:, first_drift:][:, drift_columns(n * index + j)] = rows.drift[:, j]
                 A *= np.exp(-u[j])
                 gain = self._gains.start + j
                 A[:, gain] = -np.exp(-u[j]) * predicted

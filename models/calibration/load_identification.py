@@ -26,11 +26,12 @@ from wrenchsight.models.calibration.load_parameters import (
     realisable_inertia,
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import NUM_DRIFTS, ResidualRows, drift_columns
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.identification.torque_regression import NUM_INERTIAL
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
+from wrenchsight.models.robot.rotational_inertia import INERTIA, MASS, MOMENT
 
 COM_PRIOR_SD = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
@@ -94,8 +95,8 @@ class LoadRows:
             and residual.
         """
         # A joint's rows depend on its own three changes of friction alone.
-        drift = np.zeros((len(self.rows.t), 3 * self.rows.num_joints))
-        drift[:, 3 * joint : 3 * joint + 3] = self.rows.drift[:, joint]
+        drift = np.zeros((len(self.rows.t), NUM_DRIFTS * self.rows.num_joints))
+        drift[:, drift_columns(joint)] = self.rows.drift[:, joint]
         columns = [load, drift, *([] if missed is None else [missed]), self.model[:, joint]]
         return self.rows.whitened(joint, np.hstack(columns))
 
@@ -121,7 +122,7 @@ class LoadSds(NamedTuple):
     def of(cls, covariance: Array) -> "LoadSds":
         """Those of a covariance (10, 10) of mass, centre of mass and inertia."""
         sd = np.sqrt(np.diag(covariance))
-        return cls(mass=float(sd[0]), com=sd[1:4], inertia=sd[4:])
+        return cls(mass=float(sd[MASS]), com=sd[MOMENT], inertia=sd[INERTIA])
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +184,8 @@ class LoadEstimate:
         gain = np.linalg.solve(self.covariance[np.ix_(fixed, fixed)], self.covariance[fixed])
         values = values - gain.T @ values[fixed]
         values[fixed] = 0.0
-        inertia = rotational_inertia.inertia_matrix(values[4:])
-        return replace(self, mass=float(values[0]), com=values[1:4], inertia=inertia)
+        inertia = rotational_inertia.inertia_matrix(values[INERTIA])
+        return replace(self, mass=float(values[MASS]), com=values[MOMENT], inertia=inertia)
 
     @property
     def inertia_determined_share(self) -> Array:
@@ -226,13 +227,13 @@ def estimate_load(
     mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
     if parameters[0] > MIN_MASS_ERRORS * mass_sd:
-        com = np.clip(parameters[1:4] / mass, -MAX_COM_COORDINATE, MAX_COM_COORDINATE)
+        com = np.clip(parameters[MOMENT] / mass, -MAX_COM_COORDINATE, MAX_COM_COORDINATE)
     # Moment of inertia of a body of that mass, whose size goes with the cube root of the mass:
     # within twice itself; products within once. Mass and first moment stay vague.
     moment = mass * GYRATION_FACTOR**2 * mass ** (2.0 / 3.0)
     prior_mean, prior_sd = np.zeros(NUM_INERTIAL), vague_sd.copy()
     prior_mean[_DIAGONAL_PLACES] = moment
-    prior_sd[4:] = moment
+    prior_sd[INERTIA] = moment
     prior_sd[_DIAGONAL_PLACES] = 2.0 * moment
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
     at_com = _solve(logs, frame, mean=prior_mean, sd=prior_sd, law=law, prior=prior)
@@ -357,22 +358,22 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
         prior_sd: (10,) of the load's parameters about `com`.
     """
     values = solution.values[:NUM_INERTIAL]
-    mass = float(values[0])
+    mass = float(values[MASS])
     divisor = mass if abs(mass) > _LEAST_MASS else _LEAST_MASS
-    offset = values[1:4] / divisor  # of the centre of mass from `com`
+    offset = values[MOMENT] / divisor  # of the centre of mass from `com`
     inertia = rotational_inertia.inertia_about_origin(values)
     inertia = inertia - rotational_inertia.point_inertia(mass, offset)
     # Derivatives of (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz), the order of the covariance, by the ten
     # parameters; the offset is small: what it adds to the inertia's is left out.
     slope = np.zeros((NUM_INERTIAL, NUM_INERTIAL))
-    slope[0, 0] = 1.0
-    slope[1:4, 0] = -offset / divisor
-    slope[1:4, 1:4] = np.eye(3) / divisor
-    slope[np.arange(4, 10), rotational_inertia.INERTIA_PLACES] = 1.0
+    slope[MASS, MASS] = 1.0
+    slope[MOMENT, MASS] = -offset / divisor
+    slope[MOMENT, MOMENT] = np.eye(3) / divisor
+    slope[range(10)[INERTIA], rotational_inertia.INERTIA_PLACES] = 1.0
     covariance = slope @ solution.covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
     gain_covariance = slope @ solution.gain_covariance[:NUM_INERTIAL, :NUM_INERTIAL] @ slope.T
     num_joints = len(solution.scale)
-    changes = solution.values[NUM_INERTIAL : NUM_INERTIAL + 3 * num_joints]
+    changes = solution.values[NUM_INERTIAL : NUM_INERTIAL + NUM_DRIFTS * num_joints]
     return LoadEstimate(
         mass=mass,
         com=com + offset,
@@ -381,6 +382,6 @@ def _estimate(solution: _Solution, com: Array, frame: Array, prior_sd: Array) ->
         gain_covariance=gain_covariance,
         inertia_prior_sd=prior_sd[rotational_inertia.INERTIA_PLACES],
         parameters=frame @ values,
-        friction_change=changes.reshape(num_joints, 3),
+        friction_change=changes.reshape(num_joints, NUM_DRIFTS),
         scale=solution.scale,
     )

@@ -35,6 +35,7 @@ from wrenchsight.models.calibration.load_identification import (
 )
 from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
+from wrenchsight.models.calibration.residual_noise import NUM_DRIFTS
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
 
@@ -307,7 +308,7 @@ def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, f
     for loaded in (False, True):
         for drifted in (False, True):
             # Columns of load, drift and model; the model's are unknown in all four.
-            is_used = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, num_model])
+            is_used = np.repeat([loaded, drifted, True], [len(load_sd), NUM_DRIFTS * n, num_model])
             prior_sd = sd[is_used]
             if not is_used.any():  # none of the three: a column that the prior holds at zero
                 is_used[0], prior_sd = True, np.full(1, _HELD_SD)

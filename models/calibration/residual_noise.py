@@ -43,6 +43,15 @@ COULOMB_SHARE, VISCOUS_SHARE = 0.027, 0.05  # c and d, of the dry and of the vis
 CORRELATION_TIME = 0.5  # s
 
 
+NUM_DRIFTS = 3
+"""How many changes of friction a joint may have: Coulomb, viscous, offset."""
+
+
+def drift_columns(joint: int) -> slice:
+    """Where the changes of one joint stand among those of all, joint after joint."""
+    return slice(NUM_DRIFTS * joint, NUM_DRIFTS * (joint + 1))
+
+
 class LogSignals(NamedTuple):
     """Motion and load of a log.
 

@@ -32,6 +32,7 @@ from wrenchsight.models.identification.base_parameters import (
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.rotational_inertia import INERTIA, MOMENT
 
 INERTIAL_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 JOINT_NAMES = ("rotor", "coulomb", "viscous", "offset")
@@ -433,8 +434,8 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     mass = np.maximum(stated_mass, light_link_share * mean_mass)
     spread = np.empty((n, NUM_INERTIAL))  # columns: mass, m c (3), inertia (6)
     spread[:, 0] = mass
-    spread[:, 1:4] = (mass * half_length)[:, None]
-    spread[:, 4:] = (mass * half_length**2)[:, None]
+    spread[:, MOMENT] = (mass * half_length)[:, None]
+    spread[:, INERTIA] = (mass * half_length**2)[:, None]
     drive_prior: list[Array] = []
     drive_spread: list[Array] = []
     rotor_spread = np.maximum(chain.reflected_inertia, mass * half_length**2)

@@ -10,6 +10,7 @@ import numpy as np
 
 from wrenchsight.models.numerics.arrays import Array
 
+MASS, MOMENT, INERTIA = 0, slice(1, 4), slice(4, 10)  # in the ten parameters: m, m c, the rest
 INERTIA_PLACES = [4, 6, 9, 5, 7, 8]  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the ten parameters
 _MIN_MOMENT_SHARE = 1e-4  # of the sum of moments: least second moment of mass when corrected
 _WATER_DENSITY = 1000.0  # kg/m^3
@@ -55,8 +56,8 @@ class BodyInertia(NamedTuple):
     @classmethod
     def of(cls, parameters: Array) -> "BodyInertia":
         """Of ten parameters, with a mass above zero."""
-        mass = float(parameters[0])
-        com = parameters[1:4] / mass
+        mass = float(parameters[MASS])
+        com = parameters[MOMENT] / mass
         return cls(mass, com, inertia_about_origin(parameters) - point_inertia(mass, com))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.rotational_inertia import BodyInertia
+from wrenchsight.models.robot.rotational_inertia import MASS, MOMENT, BodyInertia
 
 _MIN_JOINTS = 3  # of what is judged; two joints may cross in one point
 _USUAL_REACH = 0.8  # m
@@ -151,7 +151,9 @@ def _refuse_far_centres(robot: Robot, reach: float) -> None:
     far: list[str] = []
     farthest = 0.0
     for name, link in zip(robot.joint_names, parameters, strict=True):
-        offset = float(np.linalg.norm(link[1:4])) / link[0] if link[0] > _LIGHTEST_LINK else 0.0
+        offset = (
+            float(np.linalg.norm(link[MOMENT])) / link[MASS] if link[MASS] > _LIGHTEST_LINK else 0.0
+        )
         if offset > _LARGEST_OFFSET * reach:
             far.append(name)
             farthest = max(farthest, offset)
