@@ -76,12 +76,12 @@ class ReadingState(NamedTuple):
     """What a reading remembers.
 
     Attributes:
-        lag: (LAG_ROWS, 6) of `models.observers.lag`.
+        lag: (1,) of LAG_STATE_TYPE of `models.observers.lag`.
         unexplained_time: (1,) s, of `models.observers.explained_torque`.
         times, means, torques: of `models.observers.fault_signature`.
     """
 
-    lag: Array
+    lag: Record
     unexplained_time: Array
     times: Array
     means: Array
@@ -399,7 +399,7 @@ def judge_rows(
     poles: Array,
     lines: Array,
     correlation: Array,
-    lag: Array,
+    lag: Record,
     unexplained_time: Array,
     times: Array,
     means: Array,
@@ -443,7 +443,7 @@ def judge_rows(
         # At the first sample, when no wrench has been low-passed (lag is NaN), no torque comes
         # before it, and none is missing.
         tau_J = error_rows[k, TAU_J_ROW]
-        lacks_torque = np.isfinite(lag[0, 0]) and not np.isfinite(tau_J.sum())
+        lacks_torque = np.isfinite(lag[0].fast[0]) and not np.isfinite(tau_J.sum())
         lacks_motion = not np.isfinite(q[k].sum() + v[k].sum())
         is_at_E, unexplained_time[0] = is_explained(
             numbers.period, numbers.max_unexplained, unexplained_time[0], unexplained[k]

@@ -64,7 +64,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import NO_NEW_ARRAYS, kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
@@ -78,10 +78,17 @@ CAUGHT_UP_LAG_RATIO = 1.0  # the same, below which a reading that has lagged kee
 NATURAL_FREQUENCY_HZ = 8.0  # lowest of an industrial arm with held motors; assumed
 _DOUBTED_PACE = 0.1  # pace of the low-passes where the reading is not valid
 
-# Rows of the state, (LAG_ROWS, 6): the wrench through both low-passes, NaN before the first; L; and
-# in the last row the powers of the force's rate seen through both, and whether the reading lagged.
-_FAST, _SLOW, _POWER, _RATES, LAG_ROWS = 0, 1, 2, 8, 9
-_LAGGED_COLUMN = 2  # column of the last row: 1 where the reading did not keep pace
+LAG_STATE_TYPE = record_type(
+    fast=(6,), slow=(6,), mean_lag=(6, 6), fast_power=(), slow_power=(), has_lagged=()
+)
+"""What `lag_tick` and `lag_update` remember.
+
+    fast, slow              (6,) the wrench through the low-passes at the corner w and at omega; NaN
+                            before the first sample
+    mean_lag                (6, 6) L
+    fast_power, slow_power  N^2, of the force's rate seen through each of the two
+    has_lagged              1 where the reading did not keep pace, else 0
+"""
 
 
 class LagSettings(NamedTuple):
@@ -161,10 +168,10 @@ def lag_settings(
     )
 
 
-def initial_lag_state() -> Array:
-    """Returns the (LAG_ROWS, 6) state before the first sample."""
-    state = np.zeros((LAG_ROWS, 6))
-    state[[_FAST, _SLOW]] = np.nan
+def initial_lag_state() -> Record:
+    """Returns the state (1,) of LAG_STATE_TYPE before the first sample."""
+    state = np.zeros(1, LAG_STATE_TYPE)
+    state["fast"], state["slow"] = np.nan, np.nan
     return state
 
 
@@ -203,7 +210,7 @@ def see_jacobian_rows(poles: Array, state: Array, J: Array, J_seen: Array) -> No
 
 @kernel(**NO_NEW_ARRAYS)
 def lag_tick(
-    settings: LagSettings, state: Array, wrench: Array, covariance: Array, work: Array
+    settings: LagSettings, state: Record, wrench: Array, covariance: Array, work: Array
 ) -> bool:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6).
 
@@ -217,10 +224,8 @@ def lag_tick(
 
     Args:
         settings: of `lag_settings`.
-        state: (LAG_ROWS, 6): the wrench through two low-passes (_FAST at RATE_CORNERS omega, _SLOW
-            at omega; read), L (rows from _POWER on) and the powers of the rates seen through both,
-            with whether the reading lagged (_RATES); the latter two are updated. `lag_update`
-            takes the sample.
+        state: (1,) of LAG_STATE_TYPE; all but the low-passed wrench are updated. `lag_update` takes
+            the sample into that.
         wrench: (6,) the reading, moment first; where it is not finite, f is 0 and L fades.
         covariance: (6, 6), changed.
         work: (2, 6) N m and N, overwritten with g and h.
@@ -230,11 +235,13 @@ def lag_tick(
     """
     fast_power, slow_power, force_variance = 0.0, 0.0, 0.0  # of the three forces, N^2
     g, h = work[0], work[1]
+    memory = state[0]
+    mean_lag = memory.mean_lag
     for i in range(6):
         f, slow_f = 0.0, 0.0  # slow_f: what f is through the lower corner, omega
-        if np.isfinite(state[_FAST, i]) and np.isfinite(wrench[i]):
-            f = settings.rate_factor * (wrench[i] - state[_FAST, i])
-            slow_f = settings.slow_rate_factor * (wrench[i] - state[_SLOW, i])
+        if np.isfinite(memory.fast[i]) and np.isfinite(wrench[i]):
+            f = settings.rate_factor * (wrench[i] - memory.fast[i])
+            slow_f = settings.slow_rate_factor * (wrench[i] - memory.slow[i])
         power = f * f - NOISE_FACTOR * covariance[i, i]
         g[i] = np.copysign(np.sqrt(power), f) if power > 0.0 else 0.0
         if i >= 3:
@@ -245,32 +252,32 @@ def lag_tick(
     for i in range(6):  # L = LP_omega(g g^T)
         for j in range(6):
             product = g[i] * g[j]
-            state[_POWER + i, j] = slow_pole * state[_POWER + i, j] + (1.0 - slow_pole) * product
+            mean_lag[i, j] = slow_pole * mean_lag[i, j] + (1.0 - slow_pole) * product
     # Powers over PACE_TIME tell a force faster than stated.
-    state[_RATES, 0] = pace_pole * state[_RATES, 0] + (1.0 - pace_pole) * fast_power
-    state[_RATES, 1] = pace_pole * state[_RATES, 1] + (1.0 - pace_pole) * slow_power
+    memory.fast_power = pace_pole * memory.fast_power + (1.0 - pace_pole) * fast_power
+    memory.slow_power = pace_pole * memory.slow_power + (1.0 - pace_pole) * slow_power
     for i in range(6):
-        missing = g[i] * g[i] - state[_POWER + i, i] / LAG_POWER_SHARE
+        missing = g[i] * g[i] - mean_lag[i, i] / LAG_POWER_SHARE
         h[i] = np.copysign(np.sqrt(missing), g[i]) if missing > 0.0 else 0.0
     lag_variance, scale = 0.0, settings.scale
     for i in range(6):
         for j in range(i + 1):
-            lag = state[_POWER + i, j] / LAG_POWER_SHARE + h[i] * h[j]
+            lag = mean_lag[i, j] / LAG_POWER_SHARE + h[i] * h[j]
             covariance[i, j] += lag + scale * scale * wrench[i] * wrench[j]
             covariance[j, i] = covariance[i, j]
             if i == j and i >= 3:
                 lag_variance += lag
     for i in range(3, 6):  # what springs in gears and links add, whatever the force's direction
         covariance[i, i] += settings.spring_share * settings.spring_share * lag_variance
-    is_fast = state[_RATES, 0] > MAX_POWER_RATIO * state[_RATES, 1]
-    limit = CAUGHT_UP_LAG_RATIO if state[_RATES, _LAGGED_COLUMN] > 0.0 else MAX_LAG_RATIO
+    is_fast = memory.fast_power > MAX_POWER_RATIO * memory.slow_power
+    limit = CAUGHT_UP_LAG_RATIO if memory.has_lagged > 0.0 else MAX_LAG_RATIO
     lags = is_fast and lag_variance > limit * force_variance
-    state[_RATES, _LAGGED_COLUMN] = 1.0 if lags else 0.0
+    memory.has_lagged = 1.0 if lags else 0.0
     return not lags
 
 
 @kernel(**NO_NEW_ARRAYS)
-def lag_update(settings: LagSettings, state: Array, wrench: Array, is_force: bool) -> None:
+def lag_update(settings: LagSettings, state: Record, wrench: Array, is_force: bool) -> None:
     """Single-sample kernel: updates `state` with the reading of a sample, in place.
 
     Args:
@@ -279,10 +286,11 @@ def lag_update(settings: LagSettings, state: Array, wrench: Array, is_force: boo
     """
     pole = settings.pole if is_force else settings.doubted_pole
     slow_pole = settings.slow_pole if is_force else settings.doubted_slow_pole
+    fast, slow = state[0].fast, state[0].slow
     for i in range(6):
         if np.isfinite(wrench[i]):
-            if np.isfinite(state[_FAST, i]):
-                state[_FAST, i] = pole * state[_FAST, i] + (1.0 - pole) * wrench[i]
-                state[_SLOW, i] = slow_pole * state[_SLOW, i] + (1.0 - slow_pole) * wrench[i]
+            if np.isfinite(fast[i]):
+                fast[i] = pole * fast[i] + (1.0 - pole) * wrench[i]
+                slow[i] = slow_pole * slow[i] + (1.0 - slow_pole) * wrench[i]
             else:
-                state[_FAST, i] = state[_SLOW, i] = wrench[i]
+                fast[i] = slow[i] = wrench[i]

@@ -22,7 +22,6 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 
 LAG_POWER_SHARE = 3.0 * (1.0 - 0.25 * np.pi)
-_NUM_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
 
 
 class LagPower:
@@ -38,8 +37,8 @@ class LagPower:
         omega = 2.0 * np.pi * force_bandwidth_hz
         self._pole = float(np.exp(-omega * time_step))
         self._factor = 0.0 if K_0 is None else omega / K_0
-        self._state = np.zeros((_NUM_ROWS, 6))
-        self._state[0] = np.nan
+        self._low_passed = np.full(6, np.nan)  # the wrench, NaN before the first sample
+        self._mean_lag = np.zeros((6, 6))  # of the products of what its parts lag by
 
     def add(self, wrench: Array, noise: Array, covariance: Array) -> None:
         """Takes the next N samples.
@@ -50,27 +49,40 @@ class LagPower:
             covariance: (N, 6, 6), changed in place.
         """
         if self._factor > 0.0:
-            lag_power_log(self._pole, self._factor, self._state, wrench, noise, covariance)
+            lag_power_log(
+                self._pole,
+                self._factor,
+                self._low_passed,
+                self._mean_lag,
+                wrench,
+                noise,
+                covariance,
+            )
 
 
 @kernel
 def lag_power_log(
-    pole: float, factor: float, state: Array, wrench: Array, noise: Array, covariance: Array
+    pole: float,
+    factor: float,
+    low_passed: Array,
+    mean_lag: Array,
+    wrench: Array,
+    noise: Array,
+    covariance: Array,
 ) -> None:
-    """`LagPower.add`; an entry of the wrench that is not finite leaves its part of the state."""
+    """`LagPower.add`; an entry of the wrench that is not finite leaves its `low_passed` one."""
     lateness = np.zeros(6)
     for k in range(wrench.shape[0]):
         for i in range(6):
             value = wrench[k, i]
             if np.isfinite(value):
-                if not np.isfinite(state[0, i]):
-                    state[0, i] = value
-                state[0, i] = pole * state[0, i] + (1.0 - pole) * value
-                f = factor * (value - state[0, i])
+                if not np.isfinite(low_passed[i]):
+                    low_passed[i] = value
+                low_passed[i] = pole * low_passed[i] + (1.0 - pole) * value
+                f = factor * (value - low_passed[i])
                 power = f * f - noise[k, i]
                 lateness[i] = np.copysign(np.sqrt(power), f) if power > 0.0 else 0.0
         for i in range(6):
             for j in range(6):
-                entry = pole * state[1 + i, j] + (1.0 - pole) * lateness[i] * lateness[j]
-                state[1 + i, j] = entry
-                covariance[k, i, j] += entry / LAG_POWER_SHARE
+                mean_lag[i, j] = pole * mean_lag[i, j] + (1.0 - pole) * lateness[i] * lateness[j]
+                covariance[k, i, j] += mean_lag[i, j] / LAG_POWER_SHARE
