@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from wrenchsight.analyses.methods.log.log_summary import LogSummary
 
 ORDER = 15
+_PRINTED_COLUMNS = 40
 OPTIONS = (
     Option("logs", required=True, argument=True, metavar="FILE"),
     Option("robot"),
@@ -33,20 +34,20 @@ def command(settings: LogSettings, out: Out = Path("out/log")) -> None:
 
 
 def _print(log: "InspectedLog", out: Path) -> None:
-    from wrenchsight.analyses.methods.log.log_inspection import listed
+    from wrenchsight.models.recordings.layouts.shortened_list import shortened
 
     show(f"{log.path}: {log.container}, columns: {len(log.columns)}")
     draft = f"draft of its description: {out / log.draft_name}"
     if log.summary is None:
         show(
-            f"columns: {listed(log.columns)}",
+            f"columns: {shortened(log.columns, _PRINTED_COLUMNS)}",
             f"not read: {log.problem}",
             *notes(log.notices),
             f"{draft}; fill in what has a question mark, and add --log-format with it",
         )
         return
     if log.unread:
-        show(f"columns that are not read: {listed(log.unread)}")
+        show(f"columns that are not read: {shortened(log.unread, _PRINTED_COLUMNS)}")
     show(_rate_text(log.summary))
     if log.joint_names:
         _print_joints(log)

@@ -23,13 +23,14 @@ _TIME: Final = (
 )
 _GAP: Final = r"(?:[T ]|, |; ?) *"
 _YEAR, _MONTH, _DAY = r"(?P<year>\d{4})", r"(?P<month>\d{1,2})", r"(?P<day>\d{1,2})"
-_PATTERNS: Final = {  # by the order of the date's numbers
-    "year first": rf"{_YEAR}[./-]{_MONTH}[./-]{_DAY}{_GAP}{_TIME}",
-    "day first": rf"{_DAY}[./-]{_MONTH}[./-]{_YEAR}{_GAP}{_TIME}",
-    "month first": rf"{_MONTH}/{_DAY}/{_YEAR}{_GAP}{_TIME}",
-    "no date": _TIME,
+_DATES: Final = {  # by the order of their numbers
+    "year first": rf"{_YEAR}[./-]{_MONTH}[./-]{_DAY}",
+    "day first": rf"{_DAY}[./-]{_MONTH}[./-]{_YEAR}",
+    "month first": rf"{_MONTH}/{_DAY}/{_YEAR}",
 }
-_DATE: Final = re.compile(r"\d{4}[./-]\d{1,2}[./-]\d{1,2}|\d{1,2}[./-]\d{1,2}[./-]\d{4}")
+_PATTERNS: Final = {order: f"{date}{_GAP}{_TIME}" for order, date in _DATES.items()} | {
+    "no date": _TIME
+}
 _MONTHS_OF_YEAR: Final = 12
 _HOURS_OF_HALF_DAY: Final = 12
 _SECONDS_OF_DAY: Final = 86400.0
@@ -60,7 +61,7 @@ class StampForm(NamedTuple):
 
 def is_date(cell: str) -> bool:
     """Whether a cell is a date without a time."""
-    return _DATE.fullmatch(cell.strip()) is not None
+    return any(re.fullmatch(date, cell.strip()) for date in _DATES.values())
 
 
 def is_clock(cell: str) -> bool:

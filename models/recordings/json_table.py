@@ -20,7 +20,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.json as pa_json
-from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened, read_limited
@@ -48,24 +47,6 @@ _ONE_FORM: Final = "write one object a line, all with the same entries"
 _EXPECTED: Final = (
     "write one object a sample (a line each, or a list), or arrays over all samples by name"
 )
-
-
-class JsonContainer:
-    """Logs in JSON; implements `log_container.LogContainer`."""
-
-    suffixes: tuple[str, ...] = (".jsonl", ".ndjson", ".json")
-
-    def open(self, path: Path, form: RecordingFormat | None) -> "JsonTable":
-        """As the protocol; the file describes itself, so that `form` is not used."""
-        return JsonTable(path)
-
-    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Not for JSON.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(path, "", "is not written as JSON", "give it an ending such as .csv")
 
 
 class JsonTable(ConvertedTable):
@@ -102,24 +83,6 @@ class JsonTable(ConvertedTable):
                 raise
             problem = f"cannot be read as JSON ({str(error).splitlines()[0][:200]})"
             raise InputError(path, "", problem, _ONE_FORM) from error
-
-
-class YamlContainer:
-    """Logs of YAML documents; implements `log_container.LogContainer`."""
-
-    suffixes: tuple[str, ...] = ()  # those of a description; its documents show that it is a log
-
-    def open(self, path: Path, form: RecordingFormat | None) -> "YamlTable":
-        """As the protocol; the file describes itself, so that `form` is not used."""
-        return YamlTable(path)
-
-    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Not for YAML.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(path, "", "is not written as YAML", "give it an ending such as .csv")
 
 
 class YamlTable(ConvertedTable):

@@ -4,13 +4,15 @@ A container is one file of this sub-package (`text_table`, `parquet_table`) and 
 `log_containers.CONTAINERS`. It does not know what the columns mean: `recording_format` does.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
@@ -117,3 +119,31 @@ class LogContainer(Protocol):
         Raises:
             InputError: the file cannot be written.
         """
+
+
+@dataclass(eq=False)
+class ReadOnlyContainer:
+    """A kind of log that describes itself and is not written; implements `LogContainer`.
+
+    Attributes:
+        kind: of it, in words, for the error line.
+        table_of: opens a log; raises as the protocol's `open`.
+        suffixes: as the protocol.
+    """
+
+    kind: str
+    table_of: Callable[[Path], LogTable]
+    suffixes: tuple[str, ...] = ()
+
+    def open(self, path: Path, form: RecordingFormat | None) -> LogTable:
+        """As the protocol; `form` is not used."""
+        return self.table_of(path)
+
+    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Not for this kind.
+
+        Raises:
+            InputError: always.
+        """
+        remedy = "give the log another name, with an ending such as .csv"
+        raise InputError(path, "", f"is not written as {self.kind}", remedy)

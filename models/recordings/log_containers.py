@@ -14,21 +14,21 @@ from wrenchsight.models.recordings.arrow_table import (
 from wrenchsight.models.recordings.echo_text import is_echo, lacks_arrays
 from wrenchsight.models.recordings.json_lines import has_text_before_objects
 from wrenchsight.models.recordings.json_table import (
-    JsonContainer,
-    YamlContainer,
+    JsonTable,
+    YamlTable,
     is_yaml,
     is_yaml_log,
 )
 from wrenchsight.models.recordings.lerobot.data_set import root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS
-from wrenchsight.models.recordings.log_container import LogContainer
-from wrenchsight.models.recordings.log_folders import FolderContainer, is_recording_folder
+from wrenchsight.models.recordings.log_container import LogContainer, ReadOnlyContainer
+from wrenchsight.models.recordings.log_folders import is_recording_folder, open_folder
 from wrenchsight.models.recordings.mat_table import MatContainer
 from wrenchsight.models.recordings.npz_table import NpzContainer
 from wrenchsight.models.recordings.parquet_table import ParquetContainer
 from wrenchsight.models.recordings.rosbag.bounded_bag import ROS1_MAGIC
 from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
-from wrenchsight.models.recordings.sqlite_table import SQLITE_MAGIC, SqliteContainer
+from wrenchsight.models.recordings.sqlite_table import SQLITE_MAGIC, SQLITE_SUFFIXES, open_database
 from wrenchsight.models.recordings.text_table import TextContainer
 
 TEXT = TextContainer()
@@ -37,12 +37,15 @@ TEXT = TextContainer()
 BAG = RosbagContainer()
 """Also for a folder that holds a rosbag2."""
 
-FOLDER = FolderContainer()
+FOLDER = ReadOnlyContainer("a folder", open_folder)
 """For a folder that holds the quantities or joints of a recording in a file each."""
 
 _PARQUET, _NPZ, _MAT = ParquetContainer(), NpzContainer(), MatContainer()
-_JSON, _YAML = JsonContainer(), YamlContainer()
-_ARROW, _SQLITE = ArrowContainer(), SqliteContainer()
+_JSON = ReadOnlyContainer("JSON", JsonTable, (".jsonl", ".ndjson", ".json"))
+# Its endings are those of a description, too: its documents show that it is a log.
+_YAML = ReadOnlyContainer("YAML", YamlTable)
+_ARROW = ArrowContainer()
+_SQLITE = ReadOnlyContainer("a database", open_database, SQLITE_SUFFIXES)
 
 _BUILT_IN: Final = (TEXT, _PARQUET, _NPZ, BAG, _MAT, _JSON, _ARROW, _SQLITE)
 CONTAINERS: list[LogContainer] = [*_BUILT_IN]

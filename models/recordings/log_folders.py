@@ -11,12 +11,11 @@ zarr store.
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
@@ -24,7 +23,7 @@ from wrenchsight.models.recordings.layouts.joint_names import ends_in_joint_word
 from wrenchsight.models.recordings.layouts.signal_words import column_name, names_quantity_alone
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.parquet_table import ConvertedTable
-from wrenchsight.models.recordings.recording_format import RecordingFormat, column_numbers
+from wrenchsight.models.recordings.recording_format import column_numbers
 from wrenchsight.models.recordings.text_head import cell_kind
 from wrenchsight.models.recordings.text_table import TextContainer, TextTable
 
@@ -47,35 +46,22 @@ _LISTED_FILES: Final = 6  # that are left out, in a notice
 _LARGEST_FOLDER: Final = 1 << 28  # bytes of its files, which are joined in memory
 
 
-class FolderContainer:
-    """Folders of a recording's files; implements `log_container.LogContainer`."""
+def open_folder(path: Path) -> ConvertedTable:
+    """The table of a folder's files, joined.
 
-    suffixes: tuple[str, ...] = ()
-
-    def open(self, path: Path, form: RecordingFormat | None) -> ConvertedTable:
-        """As the protocol; a description is of the joined table.
-
-        Raises:
-            InputError: a file is damaged, or their times are not shared.
-        """
-        parts, word = _parts_of(path)
-        files = [TextContainer().open(file, None) for file in parts.values()]
-        columns = _joined(dict(zip(parts, files, strict=True)), path)
-        table = ConvertedTable(path, [pa.table(columns)])
-        listed = ", ".join(file.name for file in parts.values())
-        table.notices.append(f"joined by their times, a file for each {word}: {listed}")
-        others = [file.name for file in _files(path) if file not in parts.values()]
-        if others:
-            table.notices.append(f"files left out: {', '.join(others[:_LISTED_FILES])}")
-        return table
-
-    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Not for folders.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(path, "", "is not written as a folder", "give it an ending such as .csv")
+    Raises:
+        InputError: a file is damaged, or their times are not shared.
+    """
+    parts, word = _parts_of(path)
+    files = [TextContainer().open(file, None) for file in parts.values()]
+    columns = _joined(dict(zip(parts, files, strict=True)), path)
+    table = ConvertedTable(path, [pa.table(columns)])
+    listed = ", ".join(file.name for file in parts.values())
+    table.notices.append(f"joined by their times, a file for each {word}: {listed}")
+    others = [file.name for file in _files(path) if file not in parts.values()]
+    if others:
+        table.notices.append(f"files left out: {', '.join(others[:_LISTED_FILES])}")
+    return table
 
 
 def is_recording_folder(path: Path) -> bool:

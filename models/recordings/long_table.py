@@ -166,23 +166,21 @@ def _turned(
         samples, _ = pd.factorize(stamps)
     else:
         samples = np.asarray(pd.Series(codes).groupby(codes).cumcount())
-    place = samples * len(joints) + codes
-    if len(np.unique(place)) < len(place):
-        k = int(np.flatnonzero(pd.Series(place).duplicated())[0])
+    places = pd.MultiIndex.from_arrays([samples, codes])
+    if places.has_duplicates:
+        k = int(np.argmax(places.duplicated()))
         problem = f"has two rows of {labels[k]} with one stamp"
         raise InputError(path, f"row {k + 1}", problem, "record each joint once a sample")
-    num_samples = int(samples.max()) + 1
     first_rows = np.flatnonzero(~pd.Series(samples).duplicated())
     turned: dict[str, Any] = {
         names[k]: frame[k].iloc[first_rows].reset_index(drop=True) for k in columns.times
     }
     for column in columns.values:
-        numbers = np.full(num_samples * len(joints), np.nan)
-        numbers[place] = pd.to_numeric(frame[column], errors="coerce")
-        by_joint = numbers.reshape(num_samples, len(joints))
+        numbers = pd.to_numeric(frame[column], errors="coerce").set_axis(places)
+        by_joint = numbers.astype(float).unstack()  # by sample and joint
+        is_signal = len(columns.values) == 1 and _plain(names[column]) in _VALUE_WORDS
         for j, joint in enumerate(joints):
-            is_signal = len(columns.values) == 1 and _plain(names[column]) in _VALUE_WORDS
-            turned[joint if is_signal else f"{joint} {_last_part(names[column])}"] = by_joint[:, j]
+            turned[joint if is_signal else f"{joint} {_last_part(names[column])}"] = by_joint[j]
     try:
         return pa.Table.from_pandas(pd.DataFrame(turned), preserve_index=False)
     except (pa.ArrowException, OverflowError) as error:

@@ -33,9 +33,14 @@ from wrenchsight.models.recordings.layouts.header_layouts import (
     known_layout,
 )
 from wrenchsight.models.recordings.layouts.plain_header import header_format
+from wrenchsight.models.recordings.layouts.shortened_list import shortened
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
-from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS, EpisodeTable
+from wrenchsight.models.recordings.lerobot.episode_table import (
+    DATA_SETS,
+    EpisodeTable,
+    open_episode,
+)
 from wrenchsight.models.recordings.log_container import LogContainer, LogTable, TableOfTable
 from wrenchsight.models.recordings.log_containers import (
     TEXT,
@@ -796,7 +801,7 @@ class RecordingReader:
             if description is not None:
                 log = _described(container or TEXT, path, description)  # of an unknown ending: text
             elif container is DATA_SETS:
-                episode = DATA_SETS.open(path, None)
+                episode = open_episode(path)
                 layout = episode.layout(self._robot, self._words.angle)
                 log = _recognised(layout, self.path, episode)
             else:
@@ -866,8 +871,7 @@ class RecordingReader:
             log, others = _recognised(layout, self.path, table), ()
         notices += log.notices
         if others:
-            more = f" and {len(others) - 6} more" if len(others) > 6 else ""
-            notices += (f"columns left out: {', '.join(others[:6])}{more}",)
+            notices += (f"columns left out: {shortened(others)}",)
         return self._in_requested_angle(log._replace(notices=notices))
 
     def _refuse_doubt_besides_time(self, table: LogTable, names: Sequence[str]) -> None:

@@ -1,49 +1,39 @@
 """Logs in a table of an SQLite database, such as a logger or a historian keeps."""
 
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.recordings.parquet_table import ConvertedTable
-from wrenchsight.models.recordings.recording_format import RecordingFormat
 
+SQLITE_SUFFIXES: Final = (".sqlite", ".sqlite3", ".db")
 SQLITE_MAGIC: Final = b"SQLite format 3"
 _BLOCK_ROWS: Final = 1 << 15
 _MIN_COLUMNS: Final = 3  # of a table of samples, or of a signal a row
 
 
-class SqliteContainer:
-    """Logs in databases of one table; implements `log_container.LogContainer`."""
+def open_database(path: Path) -> ConvertedTable:
+    """The only table of samples in an SQLite database.
 
-    suffixes: tuple[str, ...] = (".sqlite", ".sqlite3", ".db")
-
-    def open(self, path: Path, form: RecordingFormat | None) -> ConvertedTable:
-        """As the protocol; the file describes itself, so that `form` is not used."""
-        with opened(path, "a log"):
-            pass  # raises where it cannot be read
+    Raises:
+        InputError: no such file, no database or a damaged one, no such table or several.
+    """
+    with opened(path, "a log"):
+        pass  # raises where it cannot be read
+    try:
+        connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
         try:
-            connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
-            try:
-                return ConvertedTable(path, _parts(connection, _table_name(connection, path)))
-            finally:
-                connection.close()
-        except (sqlite3.Error, pa.ArrowException) as error:
-            problem = f"is no SQLite database, or a damaged one ({str(error)[:200]})"
-            raise InputError(path, "", problem, "write the file again") from error
-
-    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Not for databases.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(path, "", "is not written as a database", "give it an ending such as .csv")
+            return ConvertedTable(path, _parts(connection, _table_name(connection, path)))
+        finally:
+            connection.close()
+    except (sqlite3.Error, pa.ArrowException) as error:
+        problem = f"is no SQLite database, or a damaged one ({str(error)[:200]})"
+        raise InputError(path, "", problem, "write the file again") from error
 
 
 def _table_name(connection: sqlite3.Connection, path: Path) -> str:

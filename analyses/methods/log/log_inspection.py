@@ -40,7 +40,6 @@ from wrenchsight.models.recordings.rosbag.table import RosbagTable
 from wrenchsight.models.recordings.text_table import SEPARATOR_WORDS, TextTable
 from wrenchsight.models.robot.robot import Robot
 
-_PRINTED_COLUMNS = 40
 _DRAFT_NAME = "columns.yaml"  # of a single log; of several each has its own (`_told_apart`)
 
 
@@ -292,9 +291,3 @@ def _container_word(table: LogTable) -> str:
         (RosbagTable, "bag of ROS"),
     ]
     return next((word for kind, word in kinds if isinstance(table, kind)), "table")
-
-
-def listed(names: Sequence[str]) -> str:
-    """The names of columns, the first ones of many."""
-    more = f" and {len(names) - _PRINTED_COLUMNS} more" if len(names) > _PRINTED_COLUMNS else ""
-    return ", ".join(names[:_PRINTED_COLUMNS]) + more

@@ -28,6 +28,7 @@ from wrenchsight.models.recordings.layouts.joint_names import (
     is_nameless,
     matched_joints,
 )
+from wrenchsight.models.recordings.layouts.shortened_list import shortened
 from wrenchsight.models.recordings.layouts.signal_words import (
     ColumnName,
     as_measured,
@@ -55,7 +56,6 @@ from wrenchsight.models.recordings.recording_format import (
     column_numbers,
 )
 
-_LISTED_NAMES = 6  # of the columns that are left out, in a notice
 _QUANTITIES = ("position", "velocity", "current", "motor_torque")
 _FREE_BASE = {"position": 7, "velocity": 6, "motor_torque": 6}  # columns before the joints'
 _ENTRY = re.compile(r"(.+)\.(\d{1,4})")  # of an array: its name and number
@@ -149,9 +149,7 @@ def column_words_layout(
     used_columns |= {c for columns in form.extra.values() for c in column_numbers(columns)}
     others = [name for k, name in enumerate(names) if k not in used_columns and name]
     if others:
-        num_more = len(others) - _LISTED_NAMES
-        more = f" and {num_more} more" if num_more > 0 else ""
-        notices.append(f"columns left out: {', '.join(others[:_LISTED_NAMES])}{more}")
+        notices.append(f"columns left out: {shortened(others)}")
     called_effort = {"effort", "efforts", "eff"}
     is_effort = any(called_effort & set(name_tokens(name)) for name in torque_names)
     return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
@@ -380,7 +378,7 @@ def _numbered(
         return None
     (entries,) = complete.values()
     others = [f"{names[min(x.values())]} .." for x in series_of_joints.values() if x != entries]
-    how = f"{names[min(entries.values())]} .. is read, not {_listed(others)}" if others else ""
+    how = f"{names[min(entries.values())]} .. is read, not {shortened(others)}" if others else ""
     return [entries[k] for k in sorted(entries)], how
 
 
@@ -511,7 +509,7 @@ def _refuse_doubt(
             columns_of.setdefault(key, []).append(_Column(place, column))
     commanded = [name for name in names if is_commanded(name)]
     if commanded and "position" not in columns_of:
-        problem = f"names commanded values only ({_listed(commanded)}), no measured position"
+        problem = f"names commanded values only ({shortened(commanded)}), no measured position"
         remedy = "record the measured positions, and currents or torques (actual_q, actual_current)"
         raise InputError(path, "header", problem, remedy)
     doubtful = [key for key in ("position", "current", "motor_torque")
@@ -525,7 +523,7 @@ def _refuse_doubt(
         raise _no_drives(columns_of["position"], found, names, joint_names, path)
     if "position" not in columns_of and not drives.isdisjoint(columns_of):
         key = next(key for key in ("current", "motor_torque") if key in columns_of)
-        listed = _listed([names[column.place] for column in columns_of[key]])
+        listed = shortened([names[column.place] for column in columns_of[key]])
         problem = f"names no joint positions beside the {key.replace('_', ' ')}s ({listed})"
         raise InputError(path, "header", problem, f"call them position 1.., {DESCRIBE}")
     if doubtful:
@@ -553,7 +551,7 @@ def _no_drives(
     problem = f"holds joint positions ({first} .. {last}), but no motor current or joint torque"
     duties = [name for name in names if not _DUTY_WORDS.isdisjoint(name_tokens(name))]
     if len(duties) > 1:
-        problem += f"; {_listed(duties[:2])} .. is a servo's duty cycle, which is neither"
+        problem += f"; {shortened(duties[:2])} .. is a servo's duty cycle, which is neither"
     remedy = "record the motors' currents or torques beside them (of an ABB arm through EGM: "
     remedy += "test signals of the motors' torque), from which the wrench is estimated"
     return InputError(path, "header", problem, remedy)
@@ -577,7 +575,7 @@ def _doubt_of(
     """
     words = quantity.replace("_", " ")
     plural = words.replace("velocity", "velocitie") + "s"
-    listed = _listed([names[column.place] for column in columns])
+    listed = shortened([names[column.place] for column in columns])
     counting = [x for x in _series(columns).values() if _counts(x) and len(x) > 1]
     lengths = {len(x) for x in counting}
     num_joints = 0 if joint_names is None else len(joint_names)
@@ -596,7 +594,7 @@ def _doubt_of(
         return InputError(path, "header", problem, f"record all of its joints, {DESCRIBE}")
     complete = [x for x in counting if num_joints in (0, len(x))]
     if len(complete) > 1:
-        firsts = _listed([f"{names[min(x.values())]} .." for x in complete])
+        firsts = shortened([f"{names[min(x.values())]} .." for x in complete])
         problem = f"names {len(complete)} series of {plural} ({firsts}), but not which counts"
         return InputError(path, "header", problem, f"leave one of them, {DESCRIBE}")
     if joint_names is not None and len(columns) == num_joints:
@@ -608,9 +606,3 @@ def _doubt_of(
     problem += listed
     remedy = f"leave one for each joint and call it {words} 1.. from base to tool, {DESCRIBE}"
     return InputError(path, "header", problem, remedy)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_LISTED_NAMES]) + (
-        f" and {len(names) - _LISTED_NAMES} more" if len(names) > _LISTED_NAMES else ""
-    )

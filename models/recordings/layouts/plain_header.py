@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.shortened_list import shortened
 from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.recording_format import (
     RecordingFormat,
@@ -68,13 +69,13 @@ def header_format(names: Sequence[str], path: Path, num_joints: int | None = Non
     if missing and signal_names and not any(numbers.values()):
         raise _no_known_column(signal_names, path)
     if missing:
-        problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
+        problem = f"lacks the column{'s' if len(missing) > 1 else ''} {shortened(missing)}"
         remedy = f"expected t,q1..q{n},v1..v{n},i1..i{n}; correct the header, {_DESCRIBE}"
         raise InputError(path, "header", problem, remedy)
     surplus = [f"{x}{j}" for x in signals for j in numbers[x] if j > n]
     if surplus:
         problem = (
-            f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {n} "
+            f"has the column{'s' if len(surplus) > 1 else ''} {shortened(surplus)}, expected {n} "
             "joints"
         )
         remedy = "if they are a gripper's, leave them out; else give the robot that the log "
@@ -152,13 +153,9 @@ def _unknown_column(name: str, path: Path) -> InputError:
 def _no_known_column(names: Sequence[str], path: Path) -> InputError:
     """The error of a table none of whose names is that of a signal."""
     if all(_WRENCH.fullmatch(re.split(r"[/.]", name)[-1]) for name in names):
-        problem = f"holds forces ({_listed(names)}), but no joint positions"
+        problem = f"holds forces ({shortened(names)}), but no joint positions"
         raise InputError(
             path, "header", problem, "this is another record: give the log of the joints"
         )
-    problem = f"names no joint positions in a way that is known: {_listed(names)}"
+    problem = f"names no joint positions in a way that is known: {shortened(names)}"
     return InputError(path, "header", problem, f"call them q1.., v1.., i1.., {_DESCRIBE}")
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")

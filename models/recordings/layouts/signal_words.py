@@ -34,39 +34,21 @@ EASTERN_WORDS = tuple(
     if len(word) > 1 and ord(word[0]) > 0x3000
 )
 """Words for quantities in Chinese and Japanese, by which such a code page is recognised."""
-_ASIDE = {  # words of what is no measured signal of a joint
-    "action", "actions", "target", "desired", "des", "d", "cmd", "command", "commanded", "goal",
-    "ref", "reference", "set", "setpoint", "soll", "ext", "external", "error", "err", "temp",
-    "temperature", "voltage", "limit", "max", "min", "acc", "acceleration", "tcp", "ee", "wrench",
-    "mode", "status", "gripper", "finger", "digital", "output", "input", "gravity", "coriolis",
-    "friction", "control", "scaling", "override", "following", "lag", "deviation", "residual",
-    "accel", "acceleracion", "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose",
-    "flange", "sollwert", "temperatur", "spannung", "rpm", "schleppfehler",
-    "consigne", "consigna", "objetivo", "目标", "指令", "设定", "期望", "温度", "电压", "误差",
-    "目標", "runtime", "fault", "faults", "warning", "alarm",
+_COMMANDED = {  # words of what a controller commands
+    "action", "actions", "target", "desired", "des", "cmd", "command", "commanded", "goal",
+    "ref", "reference", "setpoint", "soll", "sollwert", "consigne", "consigna", "objetivo", "目标",
+    "指令",
+}  # fmt: skip
+_ASIDE = _COMMANDED | {  # words of what is no measured signal of a joint
+    "d", "set", "ext", "external", "error", "err", "temp", "temperature", "voltage", "limit",
+    "max", "min", "acc", "acceleration", "tcp", "ee", "wrench", "mode", "status", "gripper",
+    "finger", "digital", "output", "input", "gravity", "coriolis", "friction", "control",
+    "scaling", "override", "following", "lag", "deviation", "residual", "accel", "acceleracion",
+    "ddot", "ddq", "qdd", "ddtheta", "jerk", "cartesian", "pose", "flange", "temperatur",
+    "spannung", "rpm", "schleppfehler", "设定", "期望", "温度", "电压", "误差", "目標", "runtime",
+    "fault", "faults", "warning", "alarm",
 }  # fmt: skip
 _ROTATION_WORDS = {"drehzahl"}  # of a joint where a unit is stated, else of whatever turns
-_COMMANDED = {
-    "action",
-    "actions",
-    "target",
-    "desired",
-    "des",
-    "cmd",
-    "command",
-    "commanded",
-    "goal",
-    "ref",
-    "reference",
-    "setpoint",
-    "soll",
-    "sollwert",
-    "consigne",
-    "consigna",
-    "objetivo",
-    "目标",
-    "指令",
-}
 _AXIS_WORDS = {
     "joint", "joints", "jnt", "j", "jt", "axis", "axes", "ax", "a", "rax", "achse", "gelenk", "axe",
     "articulation", "asse", "giunto", "eje", "articulacion", "junta", "eixo", "关节", "轴", "軸",

@@ -1,11 +1,7 @@
 """An episode of a LeRobot data set as a table of numbers."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
@@ -18,8 +14,8 @@ from wrenchsight.models.recordings.lerobot.data_set import (
     root_of,
 )
 from wrenchsight.models.recordings.lerobot.feature_layout import feature_layout
+from wrenchsight.models.recordings.log_container import ReadOnlyContainer
 from wrenchsight.models.recordings.parquet_table import ParquetTable
-from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -47,36 +43,27 @@ class EpisodeTable(ParquetTable):
         return feature_layout(self.data_set, self.names, robot.joint_names, prismatic, angle)
 
 
-class LeRobotContainer:
-    """Episodes of LeRobot's data sets; implements `log_container.LogContainer`."""
+def open_episode(path: Path) -> EpisodeTable:
+    """An episode; the path of a data set with a single episode opens this episode.
 
-    suffixes: tuple[str, ...] = ()
-
-    def open(self, path: Path, form: RecordingFormat | None) -> EpisodeTable:
-        """As the protocol; the path of a data set with a single episode opens this episode."""
-        root = root_of(path)
-        assert root is not None
-        data_set = loaded(root)
-        index = episode_index(path)
-        if index is None:
-            if len(data_set.episodes) > 1:
-                example = root / f"episode_{data_set.episodes[0].index:06d}"
-                count = len(data_set.episodes)
-                problem = f"is a data set of {count} episodes, expected a single episode"
-                raise InputError(path, "", problem, f"name one, such as {example}")
-            index = data_set.episodes[0].index
-        return EpisodeTable(data_set, index)
-
-    def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Refuses to write.
-
-        Raises:
-            InputError: always; a log cannot be written as part of a data set.
-        """
-        raise InputError(path, "", "lies in a LeRobot data set", "give the log another name")
+    Raises:
+        InputError: a data set of several, no such episode, or a damaged file.
+    """
+    root = root_of(path)
+    assert root is not None
+    data_set = loaded(root)
+    index = episode_index(path)
+    if index is None:
+        if len(data_set.episodes) > 1:
+            example = root / f"episode_{data_set.episodes[0].index:06d}"
+            count = len(data_set.episodes)
+            problem = f"is a data set of {count} episodes, expected a single episode"
+            raise InputError(path, "", problem, f"name one, such as {example}")
+        index = data_set.episodes[0].index
+    return EpisodeTable(data_set, index)
 
 
-DATA_SETS = LeRobotContainer()
+DATA_SETS = ReadOnlyContainer("an episode of a LeRobot data set", open_episode)
 
 
 def loaded(root: Path) -> DataSet:

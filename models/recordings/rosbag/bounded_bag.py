@@ -148,25 +148,25 @@ def _read_bytes(source: BinaryIO, size: int) -> bytes:
 def _zstd(data: bytes, size: int = LARGEST_PART) -> bytes:
     from backports.zstd import ZstdDecompressor
 
-    _refuse_part(size)
-    content = bytes(ZstdDecompressor().decompress(data, max_length=size + 1))
-    _refuse_part(len(content))
-    return content
+    return _decompressed(ZstdDecompressor(), data, size)
 
 
 def _lz4(data: bytes, size: int = LARGEST_PART) -> bytes:
     from lz4.frame import LZ4FrameDecompressor
 
-    _refuse_part(size)
-    content = bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
-    _refuse_part(len(content))
-    return content
+    return _decompressed(LZ4FrameDecompressor(), data, size)
 
 
 def _bz2(data: bytes) -> bytes:
     from bz2 import BZ2Decompressor
 
-    content = BZ2Decompressor().decompress(data, max_length=LARGEST_PART + 1)
+    return _decompressed(BZ2Decompressor(), data, LARGEST_PART)
+
+
+def _decompressed(decompressor: Any, data: bytes, size: int) -> bytes:
+    """The content of data, of which no more than `size` bytes are made."""
+    _refuse_part(size)
+    content = bytes(decompressor.decompress(data, max_length=size + 1))
     _refuse_part(len(content))
     return content
 
