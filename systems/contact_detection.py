@@ -13,6 +13,7 @@ from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.systems.declarations import (
+    ObserverLag,
     declare_cached,
     sliding_size,
     terms_at,
@@ -24,6 +25,7 @@ DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_r
 """Entries of the output, in order: fields of `models.detection.contact_detector.Detection`.
 
 Flags are 1 or 0."""
+MIN_SD = 1e-9  # N m, of tau_ext: the square of a smaller one is no number to divide by
 
 
 def _plausible(values: Array) -> Array:
@@ -106,25 +108,32 @@ class ContactDetection(SampledBlock):
             ports += [self._tau_J, self._tau_f]
         return {port.ticket() for port in ports} | {self._tuned_detector.ticket()}
 
-    def _calc_detector(self, context: Context) -> ContactDetector:
-        pole = self._pole.Eval(context)
-        K_0 = pole if (pole >= 0.0).all() else None
-        return self._detector.retuned(SlidingLaw.of_flat(self._sliding.Eval(context)), K_0)
+    def _calc_detector(self, context: Context) -> ContactDetector | None:
+        """The detector with pole and friction as they are now; None: they are of no use."""
+        lag = ObserverLag.of(self._pole.Eval(context))
+        sliding = SlidingLaw.of_flat(self._sliding.Eval(context))
+        if not (lag.is_usable and sliding.is_usable):
+            return None
+        return self._detector.retuned(sliding, lag.K_0)
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = terms_at(self._terms, context, self._detector.num_joints)
         torque_error = _plausible(self._torque_error.Eval(context))
         error = TorqueError.of_flat(torque_error, self._detector.num_joints)
+        if (error.sd < MIN_SD).any():
+            error = error._replace(sd=np.where(error.sd < MIN_SD, np.nan, error.sd))
+        has_error = np.isfinite(torque_error).all() and np.isfinite(error.sd).all()
         is_fresh = self._tau_ext_valid.Eval(context) == 1.0
-        detector: ContactDetector = self._tuned_detector.EvalAbstract(context).get_value()
+        tuned: ContactDetector | None = self._tuned_detector.EvalAbstract(context).get_value()
+        detector = self._detector if tuned is None else tuned
         sample = ArmSamples(
             error=error,
             v=_plausible(self._v.Eval(context))[np.newaxis],
             transmitted=_plausible(transmitted[0])[np.newaxis],
             momentum=_plausible(terms.momentum)[np.newaxis],
             tau_ext=_plausible(self._tau_ext.Eval(context))[np.newaxis],
-            fresh=is_fresh & np.isfinite(torque_error).all(),
+            fresh=is_fresh & has_error & (tuned is not None),
         )
         return detector.judge(state, sample)
 

@@ -22,8 +22,11 @@ from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms, terms_type
 from wrenchsight.systems.sampled_block import SampledBlock
+
+MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 
 
 def torque_error_size(num_joints: int) -> int:
@@ -55,6 +58,24 @@ class ObservedWrench(NamedTuple):
 def sliding_size(num_joints: int) -> int:
     """Entries of a port that carries a `SlidingLaw`, flat."""
     return len(SlidingLaw._fields) * num_joints
+
+
+class ObserverLag(NamedTuple):
+    """What a port `pole` says.
+
+    Attributes:
+        K_0: (n,) 1/s of the observer; None: it has no such lag.
+        is_usable: whether all joints have a pole of MIN_POLE or more, or none has one.
+    """
+
+    K_0: Array | None
+    is_usable: bool
+
+    @classmethod
+    def of(cls, pole: Array) -> "ObserverLag":
+        """Of poles (n,) in 1/s; negative ones where the observer has none."""
+        has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, LARGEST_INPUT)
+        return cls(pole if has_lag else None, has_lag or bool((pole < 0.0).all()))
 
 
 def checked_effort_limit(effort_limit: ArrayLike, num_joints: int, block: str) -> Array:

@@ -1,5 +1,6 @@
 """Impedance control of the tool, with a controlled force along one direction."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -243,10 +244,13 @@ class ImpedanceController(SampledBlock):
         out, slices, has_force = output.get_mutable_value(), self._slices, self._has_force
         has_reference = self._reference.HasValue(context)
         terms = terms_at(self._terms, context, self._n)
+        # A switch that is no number makes the tick unusable, as a set-point that is none does.
+        has_switch = not has_force or _is_number(self._force_active, context)
+        setpoint = self._force_setpoint.Eval(context).item() if has_force else 0.0
         force = ForceControlInputs(
             is_active=self._controls_force(context),
             is_valid=_is_on(self._feedback_valid, context),
-            setpoint=self._force_setpoint.Eval(context).item() if has_force else 0.0,
+            setpoint=setpoint if has_switch else math.nan,
             wrench=self._wrench.Eval(context) if has_force else _NO_WRENCH,
             integral=self.memory(context).item(),
         )
@@ -270,6 +274,11 @@ class ImpedanceController(SampledBlock):
 def _is_on(port: InputPort, context: Context) -> bool:
     """Whether a switch is on; an unconnected one is on."""
     return not port.HasValue(context) or port.Eval(context).item() > 0.5
+
+
+def _is_number(port: InputPort, context: Context) -> bool:
+    """Whether a switch is a number, or not connected."""
+    return not port.HasValue(context) or math.isfinite(port.Eval(context).item())
 
 
 def _law_of(

@@ -27,6 +27,7 @@ from wrenchsight.models.numerics.states import assign_state
 from wrenchsight.systems.declarations import (
     OBSERVED_WRENCH_SIZE,
     ObservedWrench,
+    ObserverLag,
     TunedParameters,
     declare_cached,
     declare_port_of_each_part,
@@ -38,7 +39,6 @@ from wrenchsight.systems.declarations import (
 )
 from wrenchsight.systems.sampled_block import SampledBlock
 
-MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
 # (1,) a flag as the row of one sample, by the flag: made once, as a reading takes two at each tick.
 _FLAG_ROW = {flag: np.array([flag]) for flag in (False, True)}
 _READING_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "invalid": 1}
@@ -53,7 +53,7 @@ class _TunedReading(NamedTuple):
         wrench_reading: with them.
         constant_error: torque error of one sample where the port torque_error is not connected; its
             J_seen is to be filled in.
-        has_usable_pole: whether all joints have a pole of MIN_POLE or more, or none has one.
+        is_usable: whether pole and friction law are: `ObserverLag`, `SlidingLaw`.
         unseen_rest_table: `TorqueErrorStage.table`, by which `with_unseen_rests` finds a joint that
             rests and rested in no log of the model. None where no joint can, where friction is not
             known, or without a period: rests are then no reason against a reading.
@@ -61,7 +61,7 @@ class _TunedReading(NamedTuple):
 
     wrench_reading: WrenchReading
     constant_error: TorqueError
-    has_usable_pole: bool
+    is_usable: bool
     unseen_rest_table: Array | None
 
 
@@ -131,8 +131,9 @@ class JacobianWrenchReconstruction(SampledBlock):
 
     The outputs are always finite, but for the condition number at a singular J. An input that is
     not finite gives a wrench of zero with the prior's covariance, and valid = 0; so does a pole of
-    0 to MIN_POLE, behind which no reading settles. Of another input than `observed` that is not
-    finite, the observed wrench stays, and is not valid.
+    0 to `declarations.MIN_POLE`, behind which no reading settles. Of another input than `observed`
+    that is not finite, the observed wrench stays, and is not valid. Of `torque_error` these entries
+    count that `are_readable` checks: others are NaN before the first sample.
 
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
@@ -210,20 +211,19 @@ class JacobianWrenchReconstruction(SampledBlock):
         return {port.ticket() for port in ports} | {self._tuned_reading.ticket()}
 
     def _calc_tuned(self, context: Context) -> _TunedReading:
-        K_0, has_usable_pole = None, True
+        K_0, is_usable = None, True
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
-            pole = self._pole.Eval(context)
-            has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, LARGEST_INPUT)
-            K_0 = pole if has_lag else None
-            has_usable_pole = has_lag or bool((pole < 0.0).all())
+            K_0, is_usable = ObserverLag.of(self._pole.Eval(context))
+        if self._sliding.HasValue(context):
+            is_usable &= SlidingLaw.of_flat(self._sliding.Eval(context)).is_usable
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
         error = TorqueError(*(np.zeros_like(part) for part in TorqueError.empty(1, self._n)))
         error.sd[:] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
         return _TunedReading(
             wrench_reading=reading,
             constant_error=error,
-            has_usable_pole=has_usable_pole,
-            unseen_rest_table=self._unseen_rest_table(context, K_0),
+            is_usable=is_usable,
+            unseen_rest_table=self._unseen_rest_table(context, K_0) if is_usable else None,
         )
 
     def _unseen_rest_table(self, context: Context, K_0: Array | None) -> Array | None:
@@ -243,7 +243,7 @@ class JacobianWrenchReconstruction(SampledBlock):
         tuned: _TunedReading = self._tuned_reading.EvalAbstract(context).get_value()
         terms = terms_at(self._terms, context, self._n).record
         error = self._torque_error_at(context, tuned, J=terms["J"])  # checked by `_samples`
-        samples = self._samples(context, terms, error, tuned.has_usable_pole)
+        samples = self._samples(context, terms, error, tuned.is_usable)
         entries = output.get_mutable_value()
         # `state` are views of the output's last entries, which this fills with the memory before
         # the sample. `run` makes of them the memory after it; the block's own stays as it is.
@@ -258,11 +258,11 @@ class JacobianWrenchReconstruction(SampledBlock):
         entries[:_READING_SIZE] = reading_parts(estimate)
 
     def _samples(
-        self, context: Context, terms: Record, error: TorqueError, has_usable_pole: bool
+        self, context: Context, terms: Record, error: TorqueError, is_tuning_usable: bool
     ) -> ReadingSamples:
         """The present sample, of N = 1 row.
 
-        Here are checked q, J, torque error, pole, fault and observed wrench. Where one of them is
+        Here are checked q, J, torque error, fault and observed wrench. Where one of them is
         of no use, q, v and tau_ext are NaN: the reading takes the sample for missing, whatever the
         other arrays hold. It does so by itself where v or tau_ext is not finite, or too large for
         its square.
@@ -271,15 +271,14 @@ class JacobianWrenchReconstruction(SampledBlock):
             terms: of the input, whose arrays have an axis of one row. tau_ext, which its port gives
                 as (n,), gets such an axis here.
             error: of the torque, at the sample; it is only checked here.
-            has_usable_pole: False where a joint's pole lies in 0 to MIN_POLE or is no number, or
-                only some of the joints have one.
+            is_tuning_usable: `is_usable` of _TunedReading.
         """
         fault = self._fault_code(context)  # None: the input is no code
         observed = self._observed_wrench(context)  # None: the observer does not read a wrench
         is_observed_usable = observed is None or all_below(observed, LARGEST_INPUT)
         # `are_readable`: these arrays hold finite numbers alone, none beyond the largest input.
         is_readable = are_readable(LARGEST_INPUT, terms["q"], terms["J"], *error)
-        is_usable = has_usable_pole and fault is not None and is_readable and is_observed_usable
+        is_usable = is_tuning_usable and fault is not None and is_readable and is_observed_usable
         if is_usable:
             q, v, tau_ext = terms["q"], terms["v"], self._tau_ext.Eval(context)[None]
         else:

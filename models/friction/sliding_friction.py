@@ -28,6 +28,7 @@ from wrenchsight.models.friction.slip_elements import (
     held_stribeck,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.finite import LARGEST_INPUT, all_below
 
 
 class SlidingTerm(NamedTuple):
@@ -135,6 +136,12 @@ class SlidingLaw(NamedTuple):
     def flat(self) -> Array:
         """(10 n,) all numbers."""
         return np.concatenate(self)
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether all is finite and below LARGEST_INPUT, but for speed limits, which may be inf."""
+        others = self._replace(speed_limit=np.zeros_like(self.speed_limit))
+        return all_below(others.flat, LARGEST_INPUT) and bool((self.speed_limit > 0.0).all())
 
 
 def sliding_table(law: FrictionLaw) -> Array:

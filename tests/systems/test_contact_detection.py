@@ -130,8 +130,8 @@ def test_ports(sts, model):
     assert not plain.HasOutputPort("contact")
 
 
-@pytest.mark.parametrize("name", ["v", "torque_error", "tau_ext", "tau_J"])
-@pytest.mark.parametrize("bad", [1e154, -1e200, np.inf, np.nan])
+@pytest.mark.parametrize("name", ["v", "torque_error", "tau_ext", "tau_J", "pole", "sliding"])
+@pytest.mark.parametrize("bad", [1e154, -1e200, np.inf, np.nan, 5e-324])
 def test_an_impossible_number_leaves_the_detection_finite_for_good(sts, model, log, name, bad):
     estimator = WrenchEstimator(sts, model, config("bayesian"))
     block = ContactDetection(ContactDetector.of(estimator))
@@ -146,12 +146,12 @@ def test_an_impossible_number_leaves_the_detection_finite_for_good(sts, model, l
         **{"tau_J": np.zeros(N), "tau_f": np.zeros(N), "pole": np.full(N, 20.0)},
     }
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
-    block.GetInputPort("sliding").FixValue(context, SlidingLaw.of(model.friction).flat)
+    values["sliding"] = SlidingLaw.of(model.friction).flat
     for k in range(60):
         for key, value in values.items():
             number = np.array(value, float)
             if key == name and k in (20, 40):
-                number[-1] = bad
+                number[[0, -1]] = bad
             block.GetInputPort(key).FixValue(context, number)
         simulator.AdvanceTo((k + 0.5) * T)
         detection = block.GetOutputPort("detection").Eval(context)

@@ -430,11 +430,21 @@ def forced(sts):
         "reference": np.concatenate([sts.home, np.zeros(12)]),
         "wrench": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 20.0]),
         "force_setpoint": np.array([40.0]),
+        "force_active": np.array([1.0]),
     }
     return block, terms, values
 
 
-@pytest.mark.parametrize("name", ["terms", "pose_reference", "reference", "force_setpoint"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "terms",
+        "pose_reference",
+        "reference",
+        "force_setpoint",
+        "force_active",
+    ],
+)
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
     block, terms, values = forced(sts)

@@ -13,6 +13,9 @@ from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.estimation.wrench_methods import METHODS
 from wrenchsight.models.estimation.wrench_reading import WrenchReading
+from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
+from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
+from wrenchsight.models.friction.sliding_friction import SlidingLaw
 from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -221,6 +224,23 @@ def test_a_pole_that_no_observer_has_is_flagged(chain, pole):
     assert np.isfinite(covariance).all()
     block.GetInputPort("pole").FixValue(context, np.full(6, 20.0))
     assert outputs_of(block, context)[2] == 1.0
+
+
+@pytest.mark.parametrize("entry", [0, 17, -1])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200])
+def test_a_friction_law_that_is_not_finite_is_flagged(chain, entry, bad):
+    block = learnt_block()
+    context = block.CreateDefaultContext()
+    learnt_inputs(block, context, chain)
+    law = SlidingLaw.of(SemiParametricFriction(CoulombViscous(*np.ones((3, 6)))))
+    block.GetInputPort("sliding").FixValue(context, law.flat)
+    assert outputs_of(block, context)[2] == 1.0
+    broken = law.flat.copy()
+    broken[entry] = bad
+    block.GetInputPort("sliding").FixValue(context, broken)
+    wrench, covariance, valid = outputs_of(block, context)
+    assert valid == 0.0
+    assert np.isfinite(wrench).all() and np.isfinite(covariance).all()
 
 
 @pytest.mark.parametrize("entry", [0, 7, 13, 20, 60, 95])
