@@ -57,3 +57,12 @@ def test_a_state_takes_the_numbers_of_another_in_its_own_memory() -> None:
         layout.state_of(vector), Outer(np.ones((2, 3)), Inner(np.array([4.0]), np.empty((0, 4))))
     )
     np.testing.assert_array_equal(vector, [1.0] * 6 + [4.0])
+
+
+def test_a_record_takes_the_numbers_of_another_in_its_own_memory() -> None:
+    vector, made = np.zeros(5), record(time=2.0, matrix=np.arange(4.0).reshape(2, 2))
+    own = StateLayout(made).state_of(vector)
+    assign_state(own, made)
+    np.testing.assert_array_equal(vector, [2.0, 0.0, 1.0, 2.0, 3.0])
+    own["time"] = -1.0
+    assert made["time"] == 2.0
