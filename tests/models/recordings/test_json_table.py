@@ -15,6 +15,16 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 
 T = 0.01 * np.arange(60)
 Q = np.c_[np.sin(T), np.cos(T)]
+_TWO_JOINTS = SimpleNamespace(
+    name="two",
+    num_joints=2,
+    joint_names=("shoulder", "elbow"),
+    q_offset=np.zeros(2),
+    velocity_limit=np.full(2, np.inf),
+    position_lower=np.full(2, -np.inf),
+    position_upper=np.full(2, np.inf),
+    chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
+)
 
 
 def _objects() -> list[dict]:
@@ -136,10 +146,7 @@ def test_objects_of_joints_are_put_in_the_robots_order(tmp_path: Path) -> None:
                                     for name, j in (("elbow", 1), ("shoulder", 0))]}
             for t, q in zip(T.tolist(), Q.tolist(), strict=True)]  # fmt: skip
     path.write_text(json.dumps(rows))
-    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
-                            q_offset=np.zeros(2), velocity_limit=np.full(2, np.inf),
-                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
-    log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
+    log = read_recording(path, None, _TWO_JOINTS, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(log.q, Q)
     np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
 
@@ -156,10 +163,7 @@ def test_joints_that_a_file_lists_once_are_put_in_the_robots_order(
     else:
         lists = {name: array.tolist() for name, array in arrays.items()}
         path.write_text(json.dumps({"joint_names": names, "data": lists}))
-    robot = SimpleNamespace(joint_names=("shoulder", "elbow"), num_joints=2, name="two",
-                            q_offset=np.zeros(2), velocity_limit=np.full(2, np.inf),
-                            chain=SimpleNamespace(prismatic=np.zeros(2, bool)))  # fmt: skip
-    log = read_recording(path, None, robot, check=False)  # type: ignore[arg-type]
+    log = read_recording(path, None, _TWO_JOINTS, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(log.q, Q)
     np.testing.assert_array_equal(log.current, np.tile([1.0, 2.0], (60, 1)))
 

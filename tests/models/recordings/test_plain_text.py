@@ -15,11 +15,20 @@ T = 0.01 * np.arange(40)
 TABLE = np.round(np.c_[np.sin(T), np.cos(T), np.cos(T), -np.sin(T), 1.0 + T, 2.0 - T], 6)
 
 _TWO_JOINTS = SimpleNamespace(
-    joint_names=("shoulder", "elbow"), num_joints=2, name="two", q_offset=np.zeros(2),
-    has_inertias=False, is_coupled=False, torque_per_ampere=np.ones(2), current_sign=np.ones(2),
-    motor_current=lambda tau_J: tau_J, velocity_limit=np.full(2, np.inf),
+    joint_names=("shoulder", "elbow"),
+    num_joints=2,
+    name="two",
+    q_offset=np.zeros(2),
+    has_inertias=False,
+    is_coupled=False,
+    torque_per_ampere=np.ones(2),
+    current_sign=np.ones(2),
+    motor_current=lambda tau_J: tau_J,
+    velocity_limit=np.full(2, np.inf),
+    position_lower=np.full(2, -np.inf),
+    position_upper=np.full(2, np.inf),
     chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
-)  # fmt: skip
+)
 
 
 def _same(log: Recording) -> None:

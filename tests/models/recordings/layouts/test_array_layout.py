@@ -90,6 +90,8 @@ def test_joints_that_the_rows_name_are_put_in_the_robots_order(tmp_path: Path, k
         motor_current=lambda tau_J: tau_J,
         q_offset=np.zeros(2),
         velocity_limit=np.full(2, np.inf),
+        position_lower=np.full(2, -np.inf),
+        position_upper=np.full(2, np.inf),
         chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
     )
     recording = read_recording(path, robot=robot, check=False)  # type: ignore[arg-type]

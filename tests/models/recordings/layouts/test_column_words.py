@@ -16,6 +16,8 @@ _ROBOT = SimpleNamespace(
     joint_names=_JOINTS,
     q_offset=np.zeros(3),
     velocity_limit=np.full(3, np.inf),
+    position_lower=np.full(3, -np.inf),
+    position_upper=np.full(3, np.inf),
     motor_current=lambda tau_J: tau_J,
     chain=SimpleNamespace(prismatic=np.zeros(3, bool)),
 )

@@ -21,6 +21,8 @@ _ROBOT = SimpleNamespace(
     motor_current=lambda tau_J: tau_J / [10.0, 4.0],
     q_offset=np.zeros(2),
     velocity_limit=np.full(2, np.inf),
+    position_lower=np.full(2, -np.inf),
+    position_upper=np.full(2, np.inf),
     chain=SimpleNamespace(prismatic=np.zeros(2, bool)),
 )
 
