@@ -21,13 +21,17 @@ quadratic in v and affine in vdot, so that central differences of any step are e
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.identification.base_parameters import BaseParameters, find_base_parameters
-from wrenchsight.models.identification.torque_regression import parameter_names
+from wrenchsight.models.identification.torque_regression import (
+    JOINT_NAMES,
+    NUM_INERTIAL,
+    parameter_names,
+)
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
@@ -40,6 +44,26 @@ _BOUND_POWER = 12.0
 _MIN_LENGTH, _MIN_EIGENVALUE = 1e-12, 1e-13
 # rad, of the differences of q: cut-off and rounding both below 1e-8 of the gradient
 _DIFFERENCE_STEP = 1e-4
+
+
+class _JointColumns(NamedTuple):
+    """Columns (n,) of the joints' own parameters among the 14 n of the regressor.
+
+    Attributes:
+        rotor, coulomb, viscous, offset: of each joint, whose torque they multiply by its
+            acceleration, the sign of its speed, its speed, and 1.
+    """
+
+    rotor: NDArray[np.intp]
+    coulomb: NDArray[np.intp]
+    viscous: NDArray[np.intp]
+    offset: NDArray[np.intp]
+
+
+def _joint_columns(num_joints: int) -> _JointColumns:
+    """The columns of n joints: behind the ten parameters of each link, joint after joint."""
+    first = NUM_INERTIAL * num_joints + len(JOINT_NAMES) * np.arange(num_joints)
+    return _JointColumns(**{name: first + k for k, name in enumerate(JOINT_NAMES)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +104,11 @@ class ExcitationInformation:
         """Weighted regressor (N n, 14 n) of all parameters at N samples."""
         n = self.chain.num_joints
         W = np.zeros((len(q), n, 14 * n))
-        W[:, :, : 10 * n] = self.chain.regressor(q, v, vdot)
+        W[:, :, : NUM_INERTIAL * n] = self.chain.regressor(q, v, vdot)
         sign = np.tanh(v / self.friction_velocity) if self.friction_velocity > 0 else np.sign(v)
-        joint = np.arange(n)
-        inertia_column = 10 * n + 4 * joint
-        W[:, joint, inertia_column], W[:, joint, inertia_column + 1] = vdot, sign
-        W[:, joint, inertia_column + 2], W[:, joint, inertia_column + 3] = v, 1.0
+        joint, at = np.arange(n), _joint_columns(n)
+        W[:, joint, at.rotor], W[:, joint, at.coulomb] = vdot, sign
+        W[:, joint, at.viscous], W[:, joint, at.offset] = v, 1.0
         W *= self.weight[:, None]
         return W.reshape(-1, 14 * n)
 
@@ -152,14 +175,14 @@ class ExcitationInformation:
         self, weights: Array, q: Array, v: Array, vdot: Array
     ) -> tuple[Array, Array, Array]:
         n = self.chain.num_joints
-        by_q, by_v, by_vdot = regressor_pull_back(self.chain, weights[:, :, : 10 * n], q, v, vdot)
-        joint = np.arange(n)
-        inertia_column = 10 * n + 4 * joint
-        by_vdot += weights[:, joint, inertia_column]
-        by_v += weights[:, joint, inertia_column + 2]
+        of_links = weights[:, :, : NUM_INERTIAL * n]
+        by_q, by_v, by_vdot = regressor_pull_back(self.chain, of_links, q, v, vdot)
+        joint, at = np.arange(n), _joint_columns(n)
+        by_vdot += weights[:, joint, at.rotor]
+        by_v += weights[:, joint, at.viscous]
         if self.friction_velocity > 0.0:
             steep = (1.0 - np.tanh(v / self.friction_velocity) ** 2) / self.friction_velocity
-            by_v += weights[:, joint, inertia_column + 1] * steep
+            by_v += weights[:, joint, at.coulomb] * steep
         return by_q, by_v, by_vdot
 
 
