@@ -101,19 +101,20 @@ def joined_seconds(
         for texts in (pc.utf8_trim_whitespace(dates), pc.utf8_trim_whitespace(clocks))
     )
     joined = pc.binary_join_element_wise(dates, clocks, " ")
-    return stamp_seconds(pc.cast(joined, form.arrow_type()), form)
+    return stamp_seconds(joined, form)
 
 
 def stamp_seconds(cells: pa.ChunkedArray, form: StampForm) -> pa.ChunkedArray:
-    """Seconds since 1970 (since midnight where there is no date) of cells that Arrow read.
+    """Seconds since 1970 (since midnight where there is no date) of cells.
 
     Args:
-        cells: of the type `form.arrow_type()`; an empty one gives a missing number.
+        cells: texts, or of the type `form.arrow_type()`; an empty one gives a missing number.
         form: how they are written.
 
     Raises:
         pa.ArrowInvalid: a cell is written in another way, or is no date.
     """
+    cells = pc.cast(cells, form.arrow_type())
     if form.order == "ISO":
         nanoseconds = pc.cast(pc.cast(cells, pa.int64()), pa.float64(), safe=False)
         return pc.multiply(nanoseconds, 1e-9)

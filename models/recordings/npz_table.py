@@ -14,7 +14,6 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wrenchsight.models.files.input_error import InputError
@@ -262,7 +261,7 @@ def in_seconds(array: NDArray[Any]) -> NDArray[Any]:
         form = stamp_form(cells[0].as_py())
         if form is None:
             raise ValueError("text that is no date with time")
-        return np.asarray(stamp_seconds(pc.cast(cells, form.arrow_type()), form))
+        return np.asarray(stamp_seconds(cells, form))
     if array.dtype.kind not in "mM":
         return array
     whole = array.astype("m8[ns]" if array.dtype.kind == "m" else "M8[ns]")

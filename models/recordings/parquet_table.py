@@ -433,7 +433,7 @@ def _numbers_of_text(column: pa.Array) -> pa.Array:
     texts = cells.drop_null()
     form = stamp_form(str(texts[0]).strip()) if len(texts) else None
     if form is not None:
-        cells = stamp_seconds(pc.cast(cells, form.arrow_type()), form)
+        cells = stamp_seconds(cells, form)
     return pc.cast(cells, pa.float64()).combine_chunks()
 
 
