@@ -256,6 +256,11 @@ class Case:
         """(N, 6, n) of E in axes of W, rotation first, at N positions (N, n)."""
         return np.asarray(self._chain.jacobian(q))
 
+    def regressor(self, q: Array, v: Array, vdot: Array) -> Array:
+        """(N, n, 10 n) N m per unit of each link's inertial parameters, at N rows (N, n)."""
+        Y = self._chain.regressor(q, v, vdot)
+        return np.asarray(Y).reshape(len(q), self.num_joints, -1)
+
     def orientation(self, q: Array) -> Array:
         """(N, 3, 3) of E in W at N positions (N, n)."""
         return np.asarray(self._chain.pose(q)[0])

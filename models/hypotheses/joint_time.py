@@ -29,6 +29,7 @@ START_SHIFTS = (
 MAX_FRICTION_SHIFT = 0.1
 MIN_SET_SDS = 3.0  # standard errors of a joint's own shift, from which it counts to several
 SET_TOLERANCE = 0.5  # of the surest shift, by which those of several joints differ at most
+MAX_SET_SHARE = 0.6  # of the joints, of several; where more are late, all are, and some not surely
 ALIKE_LOG_ODDS = math.log(10.0)  # within which late currents and early positions are both named
 _DIFFERENCE_STEP = 0.01  # s, of the derivative of what the model expects
 _MAX_STEPS = 6  # of Newton
@@ -105,7 +106,7 @@ def _guesses(case: Case, are_drives: bool) -> list[_Guess]:
     found = sorted(guesses, key=lambda guess: -guess.log_evidence)[:_MOST_REFINED]
     is_alike = np.abs(shift - shift[surest]) < SET_TOLERANCE * abs(shift[surest])
     alike = np.flatnonzero(is_alike & (sds > MIN_SET_SDS))
-    if are_drives and 1 < len(alike) < n:
+    if are_drives and 1 < len(alike) <= MAX_SET_SHARE * n:
         several = _Shifted(tuple(alike.tolist()), are_drives, num_forms=2.0 ** (n + 1))
         found.append(_Guess(0.0, float(shift[surest]), several))
     return found

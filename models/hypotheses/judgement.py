@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.hypotheses import lasting_force
+from wrenchsight.models.hypotheses import lasting_force, model_data
 from wrenchsight.models.hypotheses.case import Case
 from wrenchsight.models.hypotheses.evidence import KINDS
 from wrenchsight.models.hypotheses.explanation import Explanation, odds_text
@@ -276,7 +276,8 @@ def judge(case: Case) -> Judgement:
     Log odds of a fault are against the log as it is, or against the best explanation that is no
     fault (such as a lasting force), with PRIOR_WRONG_SHARE for the odds beforehand. A fault must
     leave much less unexplained than the log as it is, and be more than another word for a contact.
-    A second one of similar odds is its rival.
+    A second one of similar odds is its rival. Beside a model whose own data leave more open than
+    that, the model is named in its place (`model_data`).
 
     Args:
         case: the log, its model and the fit of the log as it is.
@@ -303,6 +304,10 @@ def judge(case: Case) -> Judgement:
     if len(faults) > 1:
         least_odds = log_odds[faults[0].name] - math.log(RIVAL_ODDS)
         rival = faults[1] if log_odds[faults[1].name] > least_odds else None
+    model_error = None if best is None else model_data.stand_in(case, best)
+    if best is not None and model_error is not None:
+        log_odds = log_odds | {model_error.name: log_odds[best.name]}
+        best, rival = model_error, None
     return Judgement(
         word=case.word,
         explained=explained,

@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 
 from wrenchsight.models.friction.coulomb_viscous import CoulombViscous
 from wrenchsight.models.friction.semi_parametric_friction import SemiParametricFriction
-from wrenchsight.models.hypotheses import judgement, lasting_force
+from wrenchsight.models.hypotheses import joint_time, judgement, lasting_force
 from wrenchsight.models.hypotheses.case import Case, FittedView
 from wrenchsight.models.hypotheses.evidence import Fit
 from wrenchsight.models.hypotheses.explanation import Explanation
@@ -27,6 +27,7 @@ from wrenchsight.models.hypotheses.judgement import (
     stands_beside_contact,
 )
 from wrenchsight.models.identification.identified_model import (
+    BaseParameterTable,
     IdentifiedModel,
     LogSource,
     Provenance,
@@ -43,6 +44,7 @@ RATE = 2.0 * np.pi * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29])  # rad/s
 CENTRE = np.array([0.0, -0.8, 1.0, -0.5, 1.0, 0.0])  # rad
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TURN = 2.0 * np.pi  # rad
+MOMENTS = ("mcx", "mcy", "mcz")  # of a link, as a model.yaml names them
 
 
 def motion(
@@ -261,6 +263,15 @@ def test_late_signals_of_single_joints_are_named_and_mended(
     assert judge_log([mended], ur10e, identified(ur10e)).fault is None
 
 
+def test_where_most_drives_are_late_no_set_of_them_is_tried(ur10e: Robot) -> None:
+    """All are late then, and some not surely."""
+    log, late = motion(ur10e), later(motion(ur10e), 0.1)
+    log = replace(log, current=np.hstack([late.current[:, :4], log.current[:, 4:]]))
+    rows = judgement.log_rows([log], ur10e)
+    guesses = joint_time._guesses(Case(rows, ur10e, identified(ur10e)), are_drives=True)
+    assert max(len(guess.shifted.joints) for guess in guesses) <= 3
+
+
 def test_an_average_is_told_from_a_delay(ur10e: Robot) -> None:
     fault = judged(averaged(motion(ur10e), 0.5), ur10e).fault
     assert fault is not None
@@ -394,6 +405,37 @@ def test_a_gain_of_some_joints_is_named_with_these_alone(
     assert names == [ur10e.joint_names[j] for j in joints]
     stated = yaml.safe_load(fault.remedy.partition("gain: ")[2].partition("}")[0])
     assert stated == pytest.approx(1.0 / gains, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("sd", "damage", "name"),
+    [
+        (0.5, lambda log: replace(log, current=1.2 * log.current), "data of the model"),
+        (0.005, lambda log: replace(log, current=1.2 * log.current), "unit or gain of the drives"),
+        (
+            0.5,
+            lambda log: replace(log, current=log.current[:, [1, 0, 2, 3, 4, 5]]),
+            "order of the drives",
+        ),
+    ],
+)
+def test_a_model_of_too_little_motion_is_named_in_the_place_of_a_gain(
+    ur10e: Robot, sd: float, damage: Callable[[Recording], Recording], name: str
+) -> None:
+    """Where its own parameters leave as much open; a wrong order explains far more than that."""
+    names = [f"{parameter}[{joint}]" for joint in ur10e.joint_names[1:4] for parameter in MOMENTS]
+    model = replace(
+        identified(ur10e),
+        base_parameters=BaseParameterTable(names, [0.0] * 9, [sd] * 9),
+        provenance=Provenance(logs=[LogSource("identification.csv", duration=5.0)]),
+    )
+    judgement = judge_log([damage(motion(ur10e))], ur10e, model)
+    assert judgement is not None
+    assert judgement.fault is not None
+    assert judgement.fault.name == name
+    said = "a model that was identified from 5 s of motion" in judgement.sentence()
+    assert said == (name == "data of the model")
+    assert judgement.metrics()["log10_odds"][name] > 2.0
 
 
 @pytest.mark.parametrize("gain", [1e3, 1e-3, 30.0])
