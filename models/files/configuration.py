@@ -42,6 +42,7 @@ MAX_ALIASED = 100_000  # values that the aliases of a file may repeat
 LARGEST_FILE = 1 << 23  # bytes; a model with a network for each joint takes some 100 kB
 _NULL_TAG = "tag:yaml.org,2002:null"
 _BOOL_TAG = "tag:yaml.org,2002:bool"
+_MOST_SHOWN = 80  # characters of a value, in an error line
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -348,7 +349,8 @@ class _Check:
             return "a list"
         if node.tag == _NULL_TAG:
             return "nothing"
-        return f'"{node.value}"'
+        value = str(node.value)
+        return f'"{value}"' if len(value) <= _MOST_SHOWN else f'"{value[:_MOST_SHOWN]} .."'
 
     def _error(self, node: Any, name: str, problem: str, remedy: str = "") -> InputError:
         location = f"line {node.start_mark.line + 1}" + (f", {name}" if name else "")

@@ -198,6 +198,10 @@ class FourierTrajectory:
         Raises:
             InputError: missing or damaged file, or one made for another robot.
         """
+        beside = path.with_suffix(".yaml")
+        if path.suffix == ".csv" and beside.exists():
+            problem = "holds samples of a motion, expected its coefficients"
+            raise InputError(path, "", problem, f"give {beside}")
         coefficients = load_configuration(path, FourierCoefficients)
         if robot and coefficients.robot and coefficients.robot != robot:
             raise InputError(path, "robot", f"made for '{coefficients.robot}', not for '{robot}'")

@@ -79,6 +79,19 @@ def test_lists_that_do_not_fit_are_one_line(tmp_path):
     assert "x.yaml" in str(error.value) and "\n" not in str(error.value)
 
 
+def test_the_samples_of_a_motion_are_told_from_its_coefficients(tmp_path):
+    """`excite` writes both, side by side."""
+    save_configuration(trajectory().coefficients("arm", "a test"), tmp_path / "x.yaml")
+    samples = tmp_path / "x.csv"
+    samples.write_text("t,q1,q2\n" + "0,0,0\n" * 1000)
+    with pytest.raises(InputError, match=r"expected its coefficients; give .*x\.yaml"):
+        FourierTrajectory.load(samples)
+    (tmp_path / "x.yaml").unlink()
+    with pytest.raises(InputError, match="expected keys with values") as error:
+        FourierTrajectory.load(samples)
+    assert len(str(error.value)) < 300  # not the whole file
+
+
 def test_the_joint_trajectory_follows_it():
     series = trajectory()
     motion = series.joint_trajectory(2)
