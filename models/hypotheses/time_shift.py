@@ -60,6 +60,9 @@ def explain(case: Case) -> Explanation | None:
             window, best = tried_window, tried
     if abs(best.shift) < MIN_SHIFT and not window:
         return None
+    # Beyond what is tried the evidence has no peak: it grows towards the end of the range.
+    if abs(best.shift) > MAX_SHIFT:
+        return None
     view = _with_drives_earlier(case, _model_view(case, window), _spline(case), best.shift)
     fitted = case.fitted(view)  # in full; the search has ranked shifts by quick ones
     cause, remedy = _sentences(case, best, window)

@@ -1,8 +1,11 @@
 """What a shift's standard error adds to its evidence; what shifts are found: test_judgement."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from wrenchsight.models.hypotheses import time_shift
 from wrenchsight.models.hypotheses.time_shift import (
     MAX_SHIFT,
     MEAN_SHIFT,
@@ -45,3 +48,11 @@ def test_flat_evidence_leaves_the_shift_as_it_is():
     peak = peak_of_parabola(0.1, 7.0, (7.0, 7.0))
     assert peak.shift == 0.1
     assert peak.sd == MAX_SHIFT
+
+
+@pytest.mark.parametrize("shift", [-1.05 * MAX_SHIFT, 1.05 * MAX_SHIFT])
+def test_a_shift_beyond_what_is_tried_is_none(monkeypatch, shift):
+    """A sound slide of a UR10e was said to have currents 3.2 s early."""
+    best = time_shift._Shift(shift, log_evidence=50.0, sd=0.05)
+    monkeypatch.setattr(time_shift, "_best_shift", lambda case, window, around=None: best)
+    assert time_shift.explain(SimpleNamespace(rows=SimpleNamespace(step=0.02))) is None
